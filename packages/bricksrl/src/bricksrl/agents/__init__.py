@@ -92,7 +92,9 @@ def algorithm(agent: str) -> Algorithm:
         settings = inspect.signature(build).parameters["settings"].annotation
     except (KeyError, TypeError, ValueError):
         raise DescriptionError(f"{agent} takes no settings; {remedy}") from None
-    settings = getattr(module, settings, None) if isinstance(settings, str) else settings
+    # with `from __future__ import annotations` an annotation is its text
+    if isinstance(settings, str):
+        settings = getattr(module, settings, None)
     if not (isinstance(settings, type) and is_dataclass(settings)):
         raise DescriptionError(f"{agent} has no type for its settings; {remedy}")
     return Algorithm(agent, settings, build, presets)
@@ -141,7 +143,8 @@ def make_learner(agent: str, env: EnvBase, settings: Any = None, device: str = "
         )
     prepare(env)
     images = bool(layout_of(env).images)
-    settings = preset("default", agent, images=images) if settings is None else settings
+    if settings is None:
+        settings = preset("default", agent, images=images)
     if is_reference(agent) and type(settings).__name__ == chosen.settings.__name__:
         # the user's file was reloaded, and its class with it
         settings = chosen.settings(**vars(settings))
@@ -151,11 +154,9 @@ def make_learner(agent: str, env: EnvBase, settings: Any = None, device: str = "
             f"{agent} has {chosen.settings.__name__}, not {actual}; see preset('default', "
             f"'{agent}')"
         )
-    with calling(
-        agent,
-        "cannot be built",
-        is_of_user=is_reference(agent) or bool(vars(settings).get("network")),
-    ):
+    # also of ours that has a network of the user's, which is made in there
+    is_of_user = is_reference(agent) or bool(vars(settings).get("network"))
+    with calling(agent, "cannot be built", is_of_user=is_of_user):
         learner = chosen.build(env, settings, device)
     if not isinstance(learner, Learner):
         raise DescriptionError(

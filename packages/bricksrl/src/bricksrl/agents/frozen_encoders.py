@@ -36,12 +36,14 @@ def encode_images(
         )
     transform, network = _NETWORKS[encoder]
     folder = None if weights_dir is None else str(weights_dir)
+    make_transform = getattr(envs, transform)
     try:
-        encode = getattr(envs, transform)(
+        encode = make_transform(
             network, in_keys=["image"], out_keys=["embedding"], download=True, download_path=folder
         )
     except (ImportError, OSError, RuntimeError) as error:
-        # also no connection, no disk space, invalid weights
+        # torchvision is missing or of another torch, there is no connection or no disk space, or
+        # the weights are invalid; torchvision's errors name it, and have another remedy
         reason = message_of(error, 120)
         if "torchvision" in reason:
             message = (

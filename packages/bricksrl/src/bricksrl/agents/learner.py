@@ -43,11 +43,12 @@ def adam(
 def means(metrics: Iterable[dict[str, Tensor]]) -> dict[str, Tensor]:
     """Mean of each metric over the updates that report it."""
     updates = list(metrics)
-    names = dict.fromkeys(name for update in updates for name in update)
-    return {
-        name: torch.stack([update[name] for update in updates if name in update]).mean()
-        for name in names
-    }
+    # An actor's losses are not in each update, where it learns less often than its critics.
+    values: dict[str, list[Tensor]] = {}
+    for update in updates:
+        for name, value in update.items():
+            values.setdefault(name, []).append(value)
+    return {name: torch.stack(of_name).mean() for name, of_name in values.items()}
 
 
 @dataclass
@@ -115,22 +116,24 @@ class Learner:
     _copy: TensorDictModuleBase | None = field(default=None, init=False)
 
     def __post_init__(self) -> None:
-        # Without dropout and by running statistics, while the loss trains the original.
-        shared = {
-            id(tensor): tensor for tensor in (*self.policy.parameters(), *self.policy.buffers())
-        }
+        # Without dropout and by running statistics, while the loss trains the original: a memo of
+        # what is not to be copied makes the two share their tensors.
+        tensors = [*self.policy.parameters(), *self.policy.buffers()]
+        shared = {id(tensor): tensor for tensor in tensors}
         self.policy = copy.deepcopy(self.policy, shared).eval()
 
     @property
     def device(self) -> torch.device:
         """Device of the networks."""
-        # a policy that learns nothing, such as a random one, may still have tensors
+        # A policy that learns nothing, such as a random one, may still have tensors.
         tensors = self.parameters() or [*self.policy.parameters(), *self.policy.buffers()]
         return tensors[0].device if tensors else torch.device("cpu")
 
     def parameters(self) -> list[Tensor]:
         """Parameters of the optimiser."""
-        groups: list[dict[str, Any]] = [] if self.optimizer is None else self.optimizer.param_groups
+        if self.optimizer is None:
+            return []
+        groups = self.optimizer.param_groups
         return [parameter for group in groups for parameter in group["params"]]
 
     def act_on(self, device: torch.device | str | None) -> None:
@@ -159,6 +162,7 @@ class Learner:
         return self._act(tensordict, ExplorationType.DETERMINISTIC)
 
     def _act(self, tensordict: TensorDictBase, exploration: ExplorationType) -> TensorDictBase:
+        # Between two actions, so that no action is of half new weights.
         if self.weights:
             self.acting.load_state_dict(self.weights.pop())
         with torch.no_grad(), set_exploration_type(exploration):
@@ -206,14 +210,14 @@ class Learner:
             size = self.memory.batch_size or len(self.memory)
             batches_a_pass = math.ceil(len(self.memory) / size)
             metrics = self.make_updates(int(self.updates_per_step * batches_a_pass))
-            # what was collected by the policy before these updates is not learned from again
+            # What was collected by the policy before these updates is not learned from again
             self.memory.empty()
             return metrics
         # Before the first update, and never again: values of two units do not mix.
         is_first = not self.updates and self.memory is not None and len(self.memory)
         if self.scale_rewards and is_first and self.memory is not None:
             self.reward_unit = reward_unit(self.memory[:]["next", "reward"])
-        # the fraction waits for the next step, as half an update a step is one in two steps
+        # The fraction waits for the next step, as half an update a step is one in two steps.
         self.due, count = math.modf(self.due + self.updates_per_step * steps)
         return self.make_updates(int(count))
 
@@ -225,6 +229,7 @@ class Learner:
         if self.begin is not None and not self.updates:
             self.begin(self.in_units(sources[0][:]))
         metrics = means(map(self.update, self.batches(count)))
+        # The copy on the environment's device acts next.
         if self._copy is not None:
             self._copy.load_state_dict(self.policy.state_dict())
         return metrics
@@ -233,23 +238,29 @@ class Learner:
         """``count`` batches; several are drawn at once, which is faster."""
         sources = self._sources()
         if not isinstance(sources[0], TransitionReplayBuffer):
-            yield from (sources[0].sample() for _ in range(count))
+            # What a batch is, its sampler says: one after the other.
+            for _ in range(count):
+                yield sources[0].sample()
             return
         size = sources[0].batch_size
-        # half from what was collected, half from the dataset (RLPD, Ball et al., 2023)
+        # Half from what was collected, half from the dataset (RLPD, Ball et al., 2023).
         half = size // 2 if len(sources) > 1 else 0
         sizes = (size - half, half)
         shares = [(source, share) for source, share in zip(sources, sizes, strict=False) if share]
         at_once = max(1, MAX_ROWS // size)
         for start in range(0, count, at_once):
             n = min(at_once, count - start)
-            parts = [source.sample(n * share, batches=n).view(n, share) for source, share in shares]
+            parts = []
+            for source, share in shares:
+                drawn = source.sample(n * share, batches=n)
+                parts.append(drawn.view(n, share))
             rows = parts[0] if len(parts) == 1 else torch.cat(parts, 1)  # [n, size]
             yield from self.in_units(rows).unbind(0)
 
     def in_units(self, rows: TensorDictBase) -> TensorDictBase:
         """Transitions ``[*batch]`` with rewards in the unit that they are learned in."""
-        rows = rows.clone(False)  # whole rows of a file are locked
+        # Rows of a file are locked; a copy of the table alone shares its tensors.
+        rows = rows.clone(False)
         rows["next", "reward"] = rows["next", "reward"] / self.reward_unit
         return rows
 
@@ -267,8 +278,10 @@ class Learner:
                 losses = self.loss.critic_losses(batch)
             else:
                 losses = self.loss(batch.to(self.device))
-            # a TensorDict, which is iterated over by rows rather than by names
-            names = self.descend or tuple(name for name in losses.keys() if name.startswith("loss"))  # noqa: SIM118
+            names = self.descend
+            if not names:
+                # By keys: a TensorDict itself is iterated over by rows.
+                names = tuple(name for name in losses.keys() if name.startswith("loss"))  # noqa: SIM118
             skipped = () if with_actor else ACTOR_LOSSES
             minimised = [
                 losses[name].sum() for name in names if name in losses and name not in skipped
@@ -293,11 +306,12 @@ class Learner:
         anchor or a part of a user's network, and what was measured, such as ranges and the
         temperature, stays."""
         learned = {id(tensor) for tensor in self.parameters() if tensor.requires_grad}
-        for module in self.loss.modules() if self.loss is not None else ():
+        modules = [] if self.loss is None else self.loss.modules()
+        for module in modules:
             is_learned = any(id(tensor) in learned for tensor in module.parameters(recurse=False))
             if not is_learned or not hasattr(module, "reset_parameters"):
                 continue
-            # `reset_parameters` draws all of a layer's tensors, also one that is frozen
+            # `reset_parameters` draws all of a layer's tensors, also one that is frozen.
             frozen = [
                 (tensor, tensor.detach().clone())
                 for tensor in module.parameters()
@@ -307,6 +321,7 @@ class Learner:
             with torch.no_grad():
                 for tensor, before in frozen:
                     tensor.copy_(before)
+        # Targets begin as their networks do, and Adam's moments are of weights that are gone.
         if self.target is not None:
             self.target.init_()
         if self.optimizer is not None:
@@ -320,21 +335,22 @@ class Learner:
         }
 
     def _sources(self) -> list[Any]:
-        return [
-            source for source in (self.memory, self.dataset) if source is not None and len(source)
-        ]
+        """What batches are drawn from: what was collected first, then the dataset."""
+        sources = (self.memory, self.dataset)
+        return [source for source in sources if source is not None and len(source)]
 
     def state_dict(self) -> dict[str, Any]:
         """Everything that learning changes: nested tensors, numbers, strings, lists."""
         state: dict[str, Any] = {
-            name: getattr(self, name) for name in ("updates", "due", "reward_unit")
+            "updates": self.updates,
+            "due": self.due,
+            "reward_unit": self.reward_unit,
+            "policy": dict(self.policy.state_dict()),
         }
-        state["policy"] = dict(self.policy.state_dict())
         if self.loss is not None and self.optimizer is not None:
-            state |= {
-                "loss": dict(self.loss.state_dict()),
-                "optimizer": self.optimizer.state_dict(),
-            }
+            state["loss"] = dict(self.loss.state_dict())
+            state["optimizer"] = self.optimizer.state_dict()
+        # On-policy it is empty between two steps of the run.
         if self.memory is not None and not self.on_policy and len(self.memory):
             state["memory"] = memory_state(self.memory)
         return state
@@ -349,7 +365,7 @@ class Learner:
             self.reward_unit = float(state["reward_unit"])
             if self.loss is not None and self.optimizer is not None:
                 load_loss(self.loss, state["loss"])
-                self.optimizer.load_state_dict(state["optimizer"])
+                load_optimizer(self.optimizer, state["optimizer"])
             if self.memory is not None:
                 self.memory.empty()
                 if "memory" in state:
@@ -357,17 +373,19 @@ class Learner:
         # A state of another network may have any value where torch expects one of its own, and
         # torch promises no list of errors.
         except Exception as error:  # noqa: BLE001
-            remedy = "resume with the settings it had"
+            reason = message_of(error, typed=True)
             raise CheckpointError(
-                f"the checkpoint does not fit this agent ({message_of(error, typed=True)}); "
-                f"{remedy}"
+                f"the checkpoint does not fit this agent ({reason}); resume with the settings it "
+                "had"
             ) from None
 
 
 def load_loss(loss: LossModule, state: dict[str, Any]) -> None:
     """Restore a loss's ``state_dict``. Raises RuntimeError if it is of another loss."""
+    # TorchRL's losses create their estimator, and some buffers, when they are first used: a state
+    # does not load into what is not there yet.
     if any(name.startswith("_value_estimator.") for name in state):
-        _ = loss.value_estimator  # TorchRL's losses create it lazily, and some buffers
+        _ = loss.value_estimator
     for name in state.keys() - loss.state_dict().keys():
         if getattr(loss, name, state) is None:
             delattr(loss, name)
@@ -375,11 +393,42 @@ def load_loss(loss: LossModule, state: dict[str, Any]) -> None:
     loss.load_state_dict(state)
 
 
+def load_optimizer(optimizer: torch.optim.Optimizer, state: dict[str, Any]) -> None:
+    """Restore an optimiser's ``state_dict``. Raises KeyError, TypeError or ValueError if it is of
+    another one."""
+    kinds = [_kinds(group) for group in optimizer.param_groups]
+    # It takes whatever it is given, and the first update would fail on it.
+    optimizer.load_state_dict(state)
+    if [_kinds(group) for group in optimizer.param_groups] != kinds:
+        raise TypeError("its options are of other types")
+    # What another optimiser of a user keeps is not known.
+    if not isinstance(optimizer, torch.optim.Adam):
+        return
+    for parameter, kept in optimizer.state.items():
+        shapes = [kept[name].shape for name in ("exp_avg", "exp_avg_sq")]
+        if shapes != [parameter.shape] * 2 or kept["step"].ndim:
+            raise ValueError("its moments are of other shapes")
+
+
+def _kinds(group: dict[str, Any]) -> dict[str, type]:
+    """Types of an optimiser's options; all numbers are of one, as a schedule makes floats of
+    whole ones."""
+    is_number = {name: type(value) in (int, float) for name, value in group.items()}
+    return {name: float if is_number[name] else type(value) for name, value in group.items()}
+
+
 def memory_state(memory: ReplayBuffer) -> dict[str, Any]:
     """The filled part of a replay buffer and its write position, independent of the device."""
-    rows = dict(memory[range(len(memory))].flatten_keys(".").items()) if len(memory) else {}
-    links = memory.links() if isinstance(memory, TransitionReplayBuffer) else {}
-    return {"rows": rows, "writer": dict(memory.writer.state_dict()), **links}
+    size = len(memory)
+    rows = {}
+    # TorchRL's own state has the whole capacity, of which a run fills little.
+    if size:
+        rows = dict(memory[range(size)].flatten_keys(".").items())
+    state = {"rows": rows, "writer": dict(memory.writer.state_dict())}
+    # Which row follows which: the steps of several robots alternate.
+    if isinstance(memory, TransitionReplayBuffer):
+        state |= memory.links()
+    return state
 
 
 def load_memory_state(
@@ -389,14 +438,20 @@ def load_memory_state(
     another buffer."""
     rows = dict(state["rows"])
     capacity = memory.storage.max_size
-    size = len(next(iter(rows.values()), ()))
-    if size > capacity or state["writer"].get("_cursor", 0) not in range(capacity):
+    # All columns have as many rows as the first; a state without columns is that of an empty one.
+    first_column = next(iter(rows.values()), ())
+    size = len(first_column)
+    position = state["writer"].get("_cursor", 0)
+    if size > capacity or position not in range(capacity):
         raise ValueError(f"{size} transitions do not fit into a buffer of {capacity}")
     memory.empty()
     is_ours = isinstance(memory, TransitionReplayBuffer)
     if size:
-        options = {"robot": None} if is_ours else {}  # its links are in the state
-        memory.extend(TensorDict(rows, [size], device=device).unflatten_keys("."), **options)
+        transitions = TensorDict(rows, [size], device=device).unflatten_keys(".")
+        # Of no robot: which row follows which is in the state.
+        options = {"robot": None} if is_ours else {}
+        memory.extend(transitions, **options)
+    # After the rows, whose writing moves it.
     memory.writer.load_state_dict(state["writer"])
     if is_ours:
         memory.load_links(state)
@@ -413,6 +468,7 @@ def off_policy_learner(
     """A learner with the optimiser and replay buffer of the settings."""
     learned = list(loss.parameters())
     memory = make_replay_buffer(env, settings, learned[0].device)
+    # Settings whose names are those of the learner's fields.
     for name in ("updates_per_step", "prefill_episodes", "actor_delay", "scale_rewards"):
         options[name] = getattr(settings, name)
     options["reset_every"] = settings.reset_every if isinstance(settings, CriticSettings) else 0

@@ -35,6 +35,7 @@ __all__ = [
     "train",
 ]
 
+# What loads torch is imported when it is asked for: `bricksrl --help` needs none of it.
 _MODULES = {"load_learner": "learners", "resume": "run", "train": "run"}
 
 

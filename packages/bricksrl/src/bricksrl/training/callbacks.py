@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-import functools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 from pathlib import Path
@@ -96,17 +95,20 @@ class Progress:
     @classmethod
     def of(cls, episodes: Sequence[Episode], total: int) -> Progress:
         """The progress after these episodes of ``total``."""
-        recent = episodes[-WINDOW - 1 :]
-        first_seconds, first_steps = (
-            (recent[0].seconds, recent[0].steps) if len(episodes) > WINDOW else (0.0, 0)
-        )
-        seconds = max(recent[-1].seconds - first_seconds, 1e-9)
-        left = total - len(episodes)
-        return cls(
-            total,
-            (recent[-1].steps - first_steps) / seconds,
-            left * seconds / min(len(episodes), WINDOW),
-        )
+        last = episodes[-1]
+        # Totals before the last few episodes: of the one before them, or of the run's start.
+        seconds_before = 0.0
+        steps_before = 0
+        if len(episodes) > WINDOW:
+            before = episodes[-WINDOW - 1]
+            seconds_before = before.seconds
+            steps_before = before.steps
+        # A clock may not have moved on between two very short ones.
+        seconds = max(last.seconds - seconds_before, 1e-9)
+        steps_per_s = (last.steps - steps_before) / seconds
+        episodes_left = total - len(episodes)
+        remaining_s = episodes_left * seconds / min(len(episodes), WINDOW)
+        return cls(total, steps_per_s, remaining_s)
 
 
 @dataclass(frozen=True)
@@ -167,9 +169,17 @@ class CallbackList(Callback):
     """Several callbacks as one, called in order."""
 
     def __init__(self, *callbacks: Callback) -> None:
-        def call_all(name: str, *content: Any) -> None:
+        # By name, so that a method that comes to the base class is passed on too.
+        for name in vars(Callback):
+            if name.startswith("on_"):
+                setattr(self, name, self._caller(name, callbacks))
+
+    @staticmethod
+    def _caller(name: str, callbacks: Sequence[Callback]) -> Callable[..., None]:
+        """A function that calls one method of all callbacks."""
+
+        def call_all(*content: Any) -> None:
             for callback in callbacks:
                 getattr(callback, name)(*content)
 
-        for name in (name for name in vars(Callback) if name.startswith("on_")):
-            setattr(self, name, functools.partial(call_all, name))
+        return call_all

@@ -24,7 +24,9 @@ def save_checkpoint(path: Path, state: dict[str, Any]) -> None:
     buffer = io.BytesIO()
     torch.save(state, buffer)
     payload = buffer.getvalue()
-    write_durably(path, MAGIC + hashlib.sha256(payload).digest() + payload)
+    # A file that was cut or altered on its way is told from a whole one before torch reads it.
+    digest = hashlib.sha256(payload).digest()
+    write_durably(path, MAGIC + digest + payload)
 
 
 def load_checkpoint(path: Path) -> dict[str, Any]:

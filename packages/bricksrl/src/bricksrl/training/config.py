@@ -111,16 +111,19 @@ class TrainConfig(RunOptions, EnvOptions):
 
     def __post_init__(self) -> None:
         check_seed(self.seed)
-        # a path or a text: one is as good as the other, but a config in a file has texts
+        # A path or a text: one is as good as the other, but a config in a file has texts.
         for name in ("data", "start", "base", "demonstrations"):
             if isinstance(getattr(self, name), Path | str):
                 object.__setattr__(self, name, str(getattr(self, name)))
         if isinstance(self.run_dir, Path | str):
             object.__setattr__(self, "run_dir", Path(self.run_dir))
         super().__post_init__()
-        object.__setattr__(self, "physics", self.known_physics)  # stored with the run
-        for name in ("env", "agent"):  # the run can then be used in any folder
+        # As numbers rather than by its name, so that a later version trains in the same world.
+        object.__setattr__(self, "physics", self.known_physics)
+        # The run can then be used in any folder.
+        for name in ("env", "agent"):
             object.__setattr__(self, name, with_absolute_file(getattr(self, name)))
+        # A robot in real time cannot wait for a gradient.
         if self.asynchronous is None:
             object.__setattr__(self, "asynchronous", self.realtime or self.hub != "virtual")
         for is_wrong, message in _RULES:
@@ -128,7 +131,8 @@ class TrainConfig(RunOptions, EnvOptions):
                 updates = counted(self.updates, "update")
                 episodes = counted(self.episodes, "episode")
                 raise RunError(message.format(self, updates=updates, episodes=episodes))
-        if self.settings is None:  # stored, so that later versions use the same
+        # Kept with the run, so that a later version goes on with the same.
+        if self.settings is None:
             object.__setattr__(self, "settings", settings_for(self.env, "default", self.agent))
         if not dataclasses.is_dataclass(self.settings):
             raise DescriptionError(
@@ -139,11 +143,9 @@ class TrainConfig(RunOptions, EnvOptions):
             raise DescriptionError(
                 f"{self.agent} cannot normalize; give its settings a field normalize, or omit it"
             )
-        object.__setattr__(
-            self,
-            "settings",
-            _plain(self.settings, **({"normalize": True} if self.normalize else {})),
-        )
+        # An option of the run for its user, a setting for the agent, which reads only those.
+        changed = {"normalize": True} if self.normalize else {}
+        object.__setattr__(self, "settings", _plain(self.settings, **changed))
 
     @property
     def dataset(self) -> str | None:
@@ -154,7 +156,10 @@ class TrainConfig(RunOptions, EnvOptions):
     def hubs(self) -> tuple[str, ...]:
         """Address of each robot; several make a fleet."""
         addresses = tuple(part.strip() for part in self.hub.split(","))
-        return addresses if len(addresses) > 1 else addresses * self.robots
+        if len(addresses) > 1:
+            return addresses
+        # Virtual robots need no address of their own.
+        return addresses * self.robots
 
     @property
     def robot(self) -> EnvOptions:
@@ -164,10 +169,12 @@ class TrainConfig(RunOptions, EnvOptions):
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON, without the run's folder."""
         data = dataclasses.asdict(self)
+        # The folder holds the config, and may be moved.
         del data["run_dir"]
-        values = data["settings"].items()
+        # JSON has no tuples: what is compared with a config that was read has lists too.
         data["settings"] = {
-            name: list(value) if isinstance(value, tuple) else value for name, value in values
+            name: list(value) if isinstance(value, tuple) else value
+            for name, value in data["settings"].items()
         }
         data["fault"] = list(data["fault"])
         return data
@@ -180,16 +187,15 @@ class TrainConfig(RunOptions, EnvOptions):
             raise RunError("'settings' in the config is not a table; restore the file")
         physics = data.get("physics")
         try:
-            settings = (
-                None if values is None else settings_from(data.get("agent", cls.agent), values)
-            )
-            data = {
-                **data,
-                "settings": settings,
-                "physics": None if physics is None else Physics.from_dict(physics),
-            }
+            settings = None
+            if values is not None:
+                settings = settings_from(data.get("agent", cls.agent), values)
+            if physics is not None:
+                physics = Physics.from_dict(physics)
+            data = {**data, "settings": settings, "physics": physics}
             return cls(**data, run_dir=run_dir)
-        except UnknownNameError as error:  # says what to do
+        except UnknownNameError as error:
+            # Its text says what to do; the config itself is as it was.
             raise RunError(f"the run needs what is not here: {error}") from None
         except (AttributeError, BricksError, TypeError) as error:
             raise RunError(
@@ -198,12 +204,14 @@ class TrainConfig(RunOptions, EnvOptions):
 
 
 def _are_ambiguous(hubs: tuple[str, ...]) -> bool:
+    """Whether it is not clear which robot a process is to take."""
     real = {hub for hub in hubs if hub != "virtual"}
-    return (
-        len(hubs) > 1
-        and bool(real)
-        and (len(real) < len(hubs) or any(":" not in hub for hub in real))
-    )
+    if len(hubs) == 1 or not real:
+        return False
+    # One address twice, or a virtual robot among real ones.
+    are_repeated = len(real) < len(hubs)
+    are_unnamed = any(":" not in hub for hub in real)
+    return are_repeated or are_unnamed
 
 
 @dataclass(frozen=True)
@@ -264,32 +272,28 @@ _RULES: tuple[Rule, ...] = (
 def _plain(settings: Any, **changed: Any) -> Any:
     """Settings, with changes, for a file: NumPy numbers, such as rates from an array, as Python's;
     files by their whole path."""
-    changed |= {
-        name: value.item()
-        for name, value in vars(settings).items()
-        if isinstance(value, np.generic)
-    }
-    changed |= {
-        name: with_absolute_file(value)
-        for name, value in vars(settings).items()
-        if isinstance(value, str)
-    }
+    for name, value in vars(settings).items():
+        if isinstance(value, np.generic):
+            changed[name] = value.item()
+        elif isinstance(value, str):
+            changed[name] = with_absolute_file(value)
+    # A user's dataclass may have fields that cannot be given anew.
     return replace(settings, **changed) if changed else settings
 
 
 def portable(data: dict[str, Any]) -> dict[str, Any]:
     """A config as plain values with only the names of the user's files: it is the same on all
     computers."""
-    settings = {
-        name: without_folder(value) if isinstance(value, str) else value
-        for name, value in data["settings"].items()
-    }
-    names = {
-        name: without_folder(data[name])
-        for name in ("env", "agent", "transform")
-        if data.get(name) is not None
-    }
-    return {**data, **names, "settings": settings}
+    settings = dict(data["settings"])
+    for name, value in settings.items():
+        if isinstance(value, str):
+            settings[name] = without_folder(value)
+    plain = {**data, "settings": settings}
+    # A checkpoint's identity has no transform, and most runs have none.
+    for name in ("env", "agent", "transform"):
+        if data.get(name) is not None:
+            plain[name] = without_folder(data[name])
+    return plain
 
 
 def code_in(config: Any) -> tuple[str, ...]:
@@ -299,19 +303,20 @@ def code_in(config: Any) -> tuple[str, ...]:
     The annotations of `TrainConfig`, of the settings of our agents and of the options of our
     environments say which texts name none.
     """
+    # It may be a stranger's: nothing in it is of the right type for sure.
     if not isinstance(config, Mapping):
         return tuple(code_names(config))
-    apart = "settings", "options"
-    fields = {name: value for name, value in config.items() if name not in apart}
-    settings, options = (config.get(name) for name in apart)
+    # Settings are known by the agent's annotations, options by the environment's.
+    fields = {name: value for name, value in config.items() if name not in ("settings", "options")}
+    agent = config.get("agent", TrainConfig.agent)
     named = [
         *code_names(fields, TrainConfig),
-        *_code_in_settings(settings, config.get("agent", TrainConfig.agent)),
+        *_code_in_settings(config.get("settings"), agent),
     ]
     env = config.get("env")
-    # those of a user's task are for its code, which is named already
+    # Options of a user's task are for its code, which is named already.
     if isinstance(env, str) and env in LABELS:
-        named += code_names(options, option_types(env))
+        named += code_names(config.get("options"), option_types(env))
     return tuple(named)
 
 
@@ -322,6 +327,7 @@ def _code_in_settings(settings: Any, agent: Any) -> Iterator[str]:
         return code_names(settings)
     if isinstance(agent, str) and agent in AGENTS:
         return code_names(settings, algorithm(agent).settings)
+    # To ask a user's algorithm for its annotations would execute it.
     common = {field.name for field in dataclasses.fields(_CommonSettings)}
     known = {name: value for name, value in settings.items() if name in common}
     return code_names(known, _CommonSettings)
@@ -338,9 +344,11 @@ def settings_from(agent: str, given: dict[str, Any]) -> Any:
     """Settings of an agent from plain values. Raises BricksError or TypeError if the agent or its
     settings are invalid."""
     settings_type = algorithm(agent).settings
+    # Lists of JSON are tuples of a frozen dataclass.
     values = {
-        key: tuple(value) if isinstance(value, list) else value for key, value in given.items()
+        name: tuple(value) if isinstance(value, list) else value for name, value in given.items()
     }
+    # A user's dataclass need not check itself.
     check_fields(settings_type, values)
     return settings_type(**values)
 
@@ -351,20 +359,29 @@ def settings_for(env: str, name: str, agent: str) -> Any:
     agent has a setting of the task, or this one not such a value."""
     try:
         task = get_task(env)
-    except BricksError:  # not a registered environment
+    except BricksError:
+        # Not a registered environment, such as one that was given to `train`.
         return preset(name, agent)
     settings = preset(name, agent, images=bool(task.images))
+    # A task improves on what is good for few robot steps; the paper's numbers stay the paper's.
     if name != "default":
         return settings
-    if others := [key for key in task.settings if key not in vars(settings)]:
-        known = {
-            field.name for each in AGENTS for field in dataclasses.fields(algorithm(each).settings)
-        }
-        if unknown := [key for key in others if key not in known]:
-            raise DescriptionError(
-                f"{env} sets {unknown[0]}, which no agent has{hint(unknown[0], known)}; correct "
-                "or omit it"
-            )
-    return replace(
-        settings, **{key: value for key, value in task.settings.items() if key in vars(settings)}
-    )
+    fitting = {}
+    for key, value in task.settings.items():
+        if key in vars(settings):
+            fitting[key] = value
+        else:
+            # That of another agent is left out, but a misspelled one would never be noticed.
+            _check_any_agent_has(key, env)
+    return replace(settings, **fitting)
+
+
+def _check_any_agent_has(setting: str, env: str) -> None:
+    """Raise DescriptionError if no agent has a setting of an environment's task."""
+    known = set[str]()
+    for agent in AGENTS:
+        known |= {field.name for field in dataclasses.fields(algorithm(agent).settings)}
+    if setting not in known:
+        raise DescriptionError(
+            f"{env} sets {setting}, which no agent has{hint(setting, known)}; correct or omit it"
+        )

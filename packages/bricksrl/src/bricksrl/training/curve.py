@@ -9,10 +9,11 @@ from bricksrl.training.callbacks import WINDOW, Episode, Phase
 
 def moving_mean(values: Sequence[float], window: int) -> list[float]:
     """Mean of each value and up to ``window - 1`` before it; same length as ``values``."""
-    return [
-        sum(part) / len(part)
-        for part in (values[max(0, i + 1 - window) : i + 1] for i in range(len(values)))
-    ]
+    means = []
+    for end in range(1, len(values) + 1):
+        recent = values[max(0, end - window) : end]
+        means.append(sum(recent) / len(recent))
+    return means
 
 
 def draw_learning_curve(
@@ -21,36 +22,41 @@ def draw_learning_curve(
     """Write a PNG with returns, their moving mean, and labelled reference lines."""
     figure = new_figure()
     axes = figure.add_subplot()
+    # Random episodes apart: they are the start that learning is to be seen against.
     for is_random, colour, label in ((True, GREY, "random start"), (False, LIGHT, "episode")):
-        points = [
-            (episode.episode, episode.return_)
-            for episode in episodes
-            if (episode.phase is Phase.PREFILL) is is_random
-        ]
-        if points:
+        shown = [episode for episode in episodes if (episode.phase is Phase.PREFILL) is is_random]
+        # Without points there is nothing for the legend to name.
+        if shown:
             axes.plot(
-                *zip(*points, strict=True), "o", color=colour, markersize=5, label=label, zorder=2
+                [episode.episode for episode in shown],
+                [episode.return_ for episode in shown],
+                "o",
+                color=colour,
+                markersize=5,
+                label=label,
+                zorder=2,
             )
+    # The mean of a single episode is its point.
     if len(episodes) > 1:
         window = min(WINDOW, len(episodes))
         means = moving_mean([episode.return_ for episode in episodes], window)
-        label = f"mean of the last {window}: {number(means[-1])} at the end"
         axes.plot(
             [episode.episode for episode in episodes],
             means,
             color=STRONG,
             linewidth=2.2,
-            label=label,
+            label=f"mean of the last {window}: {number(means[-1])} at the end",
             zorder=3,
         )
-    evaluated = [
-        (episode.episode, episode.evaluation)
+    evaluations = {
+        episode.episode: episode.evaluation
         for episode in episodes
         if episode.evaluation is not None
-    ]
-    if evaluated:
+    }
+    if evaluations:
         axes.plot(
-            *zip(*evaluated, strict=True),
+            list(evaluations),
+            list(evaluations.values()),
             "D",
             color=PALETTE[1],
             markersize=6,

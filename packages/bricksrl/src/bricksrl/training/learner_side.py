@@ -36,8 +36,11 @@ from bricksrl.training.learners import attach_dataset, make_learner_for, stand_i
 from bricksrl.training.restore import restore
 
 _CHECK_S = 0.1
+"""Time between two looks at whether a condition that is waited for holds."""
 _END_TIMEOUT_S = 120.0
+"""Time that the process has to end its pending work and to write its checkpoints."""
 _INTERRUPTED_TIMEOUT_S = 5.0
+"""The same after Ctrl-C or an unexpected error, when somebody waits for the prompt."""
 _SLACK_STEPS = 4
 """Maximum lead of a simulated robot over its learner, steps."""
 
@@ -52,11 +55,9 @@ class LearningPace:
 
     def updates_per_step(self, learner: Learner) -> float | None:
         """Updates per step that requires updates, or ``None`` without such steps."""
-        return (
-            learner.updates_per_step * (self.done / self.asked)
-            if self.asked and learner.updates_per_step
-            else None
-        )
+        if not self.asked or not learner.updates_per_step:
+            return None
+        return learner.updates_per_step * (self.done / self.asked)
 
 
 class InLoopLearner:
@@ -65,25 +66,34 @@ class InLoopLearner:
 
     def __init__(self, actor: Learner, state: dict[str, Any]) -> None:
         self.actor = actor
-        self.pace = LearningPace(state["pace"]["asked"], state["pace"]["asked"])
+        # Nothing is ever pending here, whatever an asynchronous run has left behind.
+        asked = state["pace"]["asked"]
+        self.pace = LearningPace(asked, asked)
         self._collected: list[TensorDictBase] = [
             TensorDict(frames).auto_batch_size_(1) for frames in state["collected"]
         ]
+        # No number of updates: the first weights are new.
         self._updates_sent = -1
 
     def remember(self, frames: TensorDictBase, robot: int = 0) -> None:
         """Store frames ``[time]`` or ``[copies, time]``, in batches of the learner's size."""
         size = self.actor.frames_per_batch
-        if frames.shape[-1] < size:
-            self._collected.append(frames)
-            if sum(part.shape[-1] for part in self._collected) < size:
-                return
-            frames = torch.cat(self._collected, -1)
-            # steps with a lost link have no outcome, and do not count
-            if len(with_outcome(frames, lost_links(frames))) < size:
-                return
-            self._collected = []
-        self.actor.remember(frames, robot)
+        is_batch = frames.shape[-1] >= size
+        if is_batch:
+            self.actor.remember(frames, robot)
+            return
+        # An algorithm such as PPO looks at a stretch of time at once, a robot makes single steps.
+        self._collected.append(frames)
+        steps = sum(part.shape[-1] for part in self._collected)
+        if steps < size:
+            return
+        stretch = torch.cat(self._collected, -1)  # [time] or [copies, time]
+        # Steps with a lost link have no outcome, and do not count.
+        rows = with_outcome(stretch, lost_links(stretch))
+        if len(rows) < size:
+            return
+        self._collected = []
+        self.actor.remember(stretch, robot)
 
     def end_episodes(self, robot: int | None = None) -> None:
         """End the current episode of a robot, or of all."""
@@ -99,16 +109,20 @@ class InLoopLearner:
     def learn(self, steps: int) -> dict[str, Tensor]:
         """Make the updates for ``steps`` steps, if a batch is complete. Returns mean metrics."""
         self.pace = LearningPace(self.pace.asked + steps, self.pace.done + steps)
-        return {} if self._collected else self.actor.learn(steps)
+        # A batch is not complete yet; its updates are those of its last step.
+        if self._collected:
+            return {}
+        return self.actor.learn(steps)
 
     def save(self, path: Path, state: dict[str, Any]) -> None:
         """Write a checkpoint of ``state``, the learner and pending frames."""
-        collected = [frames.to_dict() for frames in self._collected]
         of_learner = {
             "agent": self.actor.state_dict(),
             "pace": asdict(self.pace),
-            "collected": collected,
+            "collected": [frames.to_dict() for frames in self._collected],
         }
+        # The state goes over the learner's: another process's learner is given the pace of the
+        # run, which knows how many updates are pending.
         save_checkpoint(path, {**of_learner, **state})
 
     def finish(self, go_on: Callable[[], bool]) -> None:
@@ -124,29 +138,44 @@ class AsyncLearner(contextlib.AbstractContextManager["AsyncLearner"]):
     def __init__(
         self, config: TrainConfig, env: EnvBase, actor: Learner, state: dict[str, Any]
     ) -> None:
+        # A device, if there is one, is the learner's.
         actor.act_on("cpu")
         self.actor = actor
-        # a simulated robot may wait
+        # A simulated robot loses nothing by waiting, and would otherwise run far ahead.
         self._may_wait = config.hub == "virtual" and not config.realtime
+
+        # The receiving thread sets what the process reports under this condition, and notifies it.
         self._changed = threading.Condition()
+        self._is_ready = False
+        # What went wrong in the process; empty while all is well.
+        self._failure = ""
+        # Of updates that `learn` has not returned yet.
+        self._metrics: list[dict[str, Tensor]] = []
+
+        # Robot steps with requested updates, and with completed ones.
         self._asked = state["pace"]["asked"]
         self._done = state["pace"]["done"]
+
+        # Checkpoints that were requested, and those that are written.
         self._saves = 0
         self._saved = 0
-        self._is_ready = False
-        self._failure = ""
-        self._metrics: list[dict[str, Tensor]] = []
+
+        self._start()
+        self._begin(config, env, state)
+
+    def _start(self) -> None:
+        """Start the learner's process."""
         try:
-            with self._changed:  # it may report its end before the attribute is set
+            # The process may report its end before it is kept: `_deliver` waits for the condition.
+            with self._changed:
                 self._process = ChildProcess("bricksrl.training.learner_side", self._deliver)
         except OSError as error:
             raise LearnerError(
                 f"cannot start the learner's process ({error.strerror}); train synchronously"
             ) from None
-        specs = {name: getattr(env, name).cpu() for name in SPECS}
-        layout = layout_of(env)
-        # of which it would think that it fits
-        has_task = interface_of(env).task is not None and changes_nothing(env)
+
+    def _begin(self, config: TrainConfig, env: EnvBase, state: dict[str, Any]) -> None:
+        """Tell the process what to learn, and where to go on."""
         # The process makes the transforms of the config; those of a user's own environment it
         # cannot know, but a dataset has to pass through them.
         has_own_transforms = isinstance(env, TransformedEnv) and not config.is_transformed
@@ -155,18 +184,16 @@ class AsyncLearner(contextlib.AbstractContextManager["AsyncLearner"]):
                 "the learner's process does not know this environment's transforms; train "
                 "synchronously"
             )
-        names = ("agent", "pace", "collected", "transforms")
-        begun = {name: state[name] for name in names}
-        self._send(
-            "begin",
-            {
-                "config": config.to_dict(),
-                "specs": specs,
-                "layout": layout,
-                "has_task": has_task,
-                "state": begun,
-            },
-        )
+        # Behind transforms, goals and mirrors of the task would seem to fit what they do not.
+        has_task = interface_of(env).task is not None and changes_nothing(env)
+        begin = {
+            "config": config.to_dict(),
+            "specs": {name: getattr(env, name).cpu() for name in SPECS},
+            "layout": layout_of(env),
+            "has_task": has_task,
+            "state": {name: state[name] for name in ("agent", "pace", "collected", "transforms")},
+        }
+        self._send("begin", begin)
 
     def __exit__(
         self,
@@ -175,10 +202,11 @@ class AsyncLearner(contextlib.AbstractContextManager["AsyncLearner"]):
         trace: TracebackType | None,
     ) -> None:
         """End the process after its pending work; soon, after Ctrl-C or an unexpected error."""
-        in_order = error is None or isinstance(error, BricksError)
+        is_in_order = error is None or isinstance(error, BricksError)
+        # It may have ended already.
         with contextlib.suppress(OSError):
             self._process.send(*END)
-        self._process.end(_END_TIMEOUT_S if in_order else _INTERRUPTED_TIMEOUT_S)
+        self._process.end(_END_TIMEOUT_S if is_in_order else _INTERRUPTED_TIMEOUT_S)
 
     @property
     def pace(self) -> LearningPace:
@@ -195,7 +223,9 @@ class AsyncLearner(contextlib.AbstractContextManager["AsyncLearner"]):
 
     def remember(self, frames: TensorDictBase, robot: int = 0) -> None:
         """Send frames to the learner."""
-        self._send("remember", (robot, dict(frames.flatten_keys(".").items())))
+        # As plain tensors, which the pipe sends as arrays: torch's own format is slow.
+        columns = dict(frames.flatten_keys(".").items())
+        self._send("remember", (robot, columns))
 
     def end_episodes(self, robot: int | None = None) -> None:
         """Tell the learner that episodes ended."""
@@ -208,6 +238,7 @@ class AsyncLearner(contextlib.AbstractContextManager["AsyncLearner"]):
         self._send("learn", steps)
         if self._may_wait:
             self._wait(lambda: self._asked - self._done <= _SLACK_STEPS)
+        # Taken under the condition, as the receiving thread appends to them.
         with self._changed:
             metrics = self._metrics
             self._metrics = []
@@ -227,7 +258,8 @@ class AsyncLearner(contextlib.AbstractContextManager["AsyncLearner"]):
         self._check()
         try:
             self._process.send(kind, content)
-        except OSError:  # its last message may still be on its way
+        except OSError:
+            # The process has ended, and its last message, which says why, is still on its way.
             with self._changed:
                 self._changed.wait_for(lambda: self._failure, _END_TIMEOUT_S)
             self._check()
@@ -237,6 +269,7 @@ class AsyncLearner(contextlib.AbstractContextManager["AsyncLearner"]):
         with self._changed:
             while not is_true():
                 self._check()
+                # Not for ever: `go_on` of `finish` changes without a message, by Ctrl-C.
                 self._changed.wait(_CHECK_S)
 
     def _check(self) -> None:
@@ -247,12 +280,9 @@ class AsyncLearner(contextlib.AbstractContextManager["AsyncLearner"]):
             )
 
     def _deliver(self, message: Message | None) -> None:
+        """Handle a message of the process, in the receiving thread; ``None`` is its end."""
         if message is None:
-            with self._changed:
-                process = self._process
-            code = process.wait(_END_TIMEOUT_S)
-            cause = f"signal {-code}" if code is not None and code < 0 else f"exit code {code}"
-            message = "failed", self._failure or f"died ({cause})"
+            message = ("failed", self._failure or self._death())
         content: Any
         kind, content = message
         with self._changed:
@@ -270,6 +300,18 @@ class AsyncLearner(contextlib.AbstractContextManager["AsyncLearner"]):
                     self._failure = content
             self._changed.notify_all()
 
+    def _death(self) -> str:
+        """What the process died of."""
+        # The constructor holds the condition until it has the process.
+        with self._changed:
+            process = self._process
+        code = process.wait(_END_TIMEOUT_S)
+        # As POSIX's `subprocess` tells of a process that a signal ended, such as that of the
+        # kernel when memory is short.
+        if code is not None and code < 0:
+            return f"died (signal {-code})"
+        return f"died (exit code {code})"
+
 
 LearnerSide = InLoopLearner | AsyncLearner
 """Where a run learns."""
@@ -285,8 +327,10 @@ def main() -> None:
         if begin is not None:
             serve(begin, inbox, send)
     except BrokenPipeError:
+        # The robot's side is gone, so there is nobody to learn for.
         pass
     except Exception as error:  # noqa: BLE001  reported to the user by the robot's side
+        # - a user's algorithm may raise anything
         with contextlib.suppress(BrokenPipeError):
             send("failed", f"failed ({message_of(error, typed=True)})")
     leave()
@@ -294,50 +338,59 @@ def main() -> None:
 
 def serve(begin: dict[str, Any], inbox: Inbox, send: Send) -> None:
     """Learn until the robot's side ends the run or disconnects."""
-    torch.set_num_threads(1)  # the other cores are for the robot
-    asked = begin["state"]["pace"]["asked"]
-    done = begin["state"]["pace"]["done"]
+    # The other cores are for the robot.
+    torch.set_num_threads(1)
     config = TrainConfig.from_dict(begin["config"])
+    started = begin["state"]
+    asked = started["pace"]["asked"]
+    # A run that is resumed draws on, instead of the same again.
     torch.manual_seed(derive_seed(config.seed, "learner", asked))
-    if config.is_transformed:
-        env = stand_in(config)
-        load_transform_state(env, begin["state"]["transforms"])
-    else:
-        env = SpecsEnv(
-            begin["specs"],
-            get_task(config.env, **config.options) if begin["has_task"] else None,
-            begin["layout"],
-        )
+    env = _specs_of(begin, config)
     learner = make_learner_for(config, env)
-    restore(learner, begin["state"]["agent"])
+    restore(learner, started["agent"])
     attach_dataset(config, learner, env)
-    side = InLoopLearner(learner, {**begin["state"], "pace": {"asked": done}})
-    del begin  # may be large
+    # Steps whose updates are pending are still to be learned from.
+    done = started["pace"]["done"]
+    side = InLoopLearner(learner, {**started, "pace": {"asked": done}})
+    # They may hold a replay buffer, which the learner has now.
+    del begin, started
     saves = 0
     send("ready", learner.policy_state())
     while True:
-        # on-policy: batch by batch
+        # All messages come before the next update, so that it learns from the newest steps. Not
+        # on-policy: what is learned from must be of the policy before the update, batch by batch.
         while side.pace.done >= asked or not (learner.on_policy or inbox.empty()):
             kind, content = inbox.get() or END
             match kind:
                 case "remember":
-                    robot, rows = content
-                    side.remember(TensorDict(rows).auto_batch_size_(1).unflatten_keys("."), robot)
+                    robot, columns = content
+                    frames = TensorDict(columns).auto_batch_size_(1).unflatten_keys(".")
+                    side.remember(frames, robot)
                 case "end_episodes":
                     side.end_episodes(content)
                 case "learn":
                     asked += content
                 case "save":
                     path, state = content
-                    side.save(
-                        Path(path), {**state, "pace": {"asked": asked, "done": side.pace.done}}
-                    )
+                    state["pace"] = {"asked": asked, "done": side.pace.done}
+                    side.save(Path(path), state)
                     saves += 1
                     send("saved", saves)
                 case "end":
                     return
+        # One step's updates at a time, so that messages wait for no more than these.
         metrics = {name: value.cpu() for name, value in side.learn(1).items()}
         send("learned", (side.pace.done, metrics, learner.policy_state()))
+
+
+def _specs_of(begin: dict[str, Any], config: TrainConfig) -> EnvBase:
+    """What the learner has to know of the run's environment, without a robot."""
+    if config.is_transformed:
+        env = stand_in(config)
+        load_transform_state(env, begin["state"]["transforms"])
+        return env
+    task = get_task(config.env, **config.options) if begin["has_task"] else None
+    return SpecsEnv(begin["specs"], task, begin["layout"])
 
 
 if __name__ == "__main__":

@@ -61,7 +61,9 @@ def load_learner(run_dir: Path | str, env: EnvBase, *, which: Which = "last") ->
     config = folder.read_config()
     state = load_state(folder, config, env, which=which, frozen=True)
     learner = make_learner_for(config, env, device="cpu")
-    restore(learner, {key: value for key, value in state["agent"].items() if key != "memory"})
+    # What only acts needs no replay buffer, which is most of a checkpoint.
+    agent = {key: value for key, value in state["agent"].items() if key != "memory"}
+    restore(learner, agent)
     check_weights(learner)
     return Trained(learner, len(state["episodes"]))
 
@@ -82,9 +84,10 @@ def one_robot(config: TrainConfig) -> TrainConfig:
 def stand_in(config: TrainConfig) -> EnvBase:
     """The environment of the config with a virtual robot that nobody uses: its specs, and its
     transforms with what they draw."""
-    env = make(
-        config.env, EnvOptions(options=config.options, **config.transforms), seed=config.seed
-    )
+    # Without hub and link of the config, which would reach for a robot.
+    options = EnvOptions(options=config.options, **config.transforms)
+    env = make(config.env, options, seed=config.seed)
+    # Transforms that measure when they are made need the robot, so it is closed after that.
     prepare(env)
     env.close(raise_if_closed=False)
     return env
@@ -93,10 +96,12 @@ def stand_in(config: TrainConfig) -> EnvBase:
 def make_learner_for(config: TrainConfig, env: EnvBase, device: str | None = None) -> Learner:
     """A new learner from a config, for ``env``. Raises RunError without enough memory, device or
     compiler."""
-    device = str(resolve_device(config.device)) if device is None else device
+    if device is None:
+        device = str(resolve_device(config.device))
     try:
         learner = make_learner(config.agent, env, config.settings, device)
     except RuntimeError as error:
+        # torch has no type of its own for it on the processor.
         if "memory" not in str(error):
             raise
         raise RunError(
@@ -105,6 +110,7 @@ def make_learner_for(config: TrainConfig, env: EnvBase, device: str | None = Non
         ) from None
     if config.compile:
         compile_updates(learner)
+    # Last, as it wraps the policy: what is compiled is what learns.
     if config.base is not None:
         add_base(learner, base_for(config, env))
     return learner
@@ -124,8 +130,10 @@ def base_for(config: TrainConfig, env: EnvBase) -> Base:
                 "the hand-written controller acts on what the robot itself observes; omit the "
                 "transforms"
             )
-        return Base(Scripted(CONTROLLERS[config.env], list(observed_specs(env))))
+        observed = list(observed_specs(env))
+        return Base(Scripted(CONTROLLERS[config.env], observed))
     policy = load_learner(str(config.base), env).learner.policy
+    # One with a memory would have to be told of each episode, also for rows of a batch.
     if hasattr(policy, "reset"):
         raise RunError(
             f"the policy of {config.base} depends on more than what it observes; choose "
@@ -142,6 +150,7 @@ def read_for(path: str, env: EnvBase, *, images: bool) -> Episodes:
         path = folder.read_config().data or path
     data = load(path, images=images, task=interface_of(env).task)
     wanted = describe(env)
+    # By name: their units and order are those of the description.
     recorded = [entry.name for entry in data.description.observation]
     observed = [entry.name for entry in wanted.observation]
     if any(name not in recorded for name in observed):
@@ -154,7 +163,9 @@ def read_for(path: str, env: EnvBase, *, images: bool) -> Episodes:
             "observes what they have"
         )
     if recorded != observed:
-        if unobserved := [name for name in recorded if name not in observed]:
+        unobserved = [name for name in recorded if name not in observed]
+        # Else only their order differs, which nobody needs to know.
+        if unobserved:
             _log.warning(
                 "%s has %s, which %s does not observe; it is left out",
                 path,
@@ -162,13 +173,13 @@ def read_for(path: str, env: EnvBase, *, images: bool) -> Episodes:
                 wanted.env,
             )
         data = data.observing(observed)
-    actions, own = (
-        [entry.name for entry in description.action] for description in (data.description, wanted)
-    )
-    if actions != own:
+    # Actions are not sorted anew: one that is missing cannot be left out.
+    recorded_actions = [entry.name for entry in data.description.action]
+    actions = [entry.name for entry in wanted.action]
+    if recorded_actions != actions:
         reason = (
-            f"{path} is of {data.description.env}: its action is [{', '.join(actions)}], not "
-            f"[{', '.join(own)}]"
+            f"{path} is of {data.description.env}: its action is "
+            f"[{', '.join(recorded_actions)}], not [{', '.join(actions)}]"
         )
         raise DataError(
             f"{reason}; choose data of this environment, or the environment of the data"
@@ -193,29 +204,44 @@ def attach_dataset(config: TrainConfig, learner: Learner, env: EnvBase) -> Tenso
         raise RunError(
             f"the agent {config.agent} cannot use a dataset; choose another agent, or omit the data"
         )
-    given = given_specs(base_of(env))
-    if "observation" not in given:
+    # What the environment itself observes, before its transforms: that is what data hold.
+    specs = given_specs(base_of(env))
+    if "observation" not in specs:
         raise DataError(f"no data hold what {config.env} observes; learn without data")
-    images = bool(layout_of(env).images) or "image" in given
+    images = bool(layout_of(env).images) or "image" in specs
     data = read_for(config.dataset, env, images=images)
-    frames = data.to_tensordict()
-    frames["next", "done"][:-1] |= (data.episode[1:] != data.episode[:-1])[:, None]
+    frames = data.to_tensordict()  # [time]
+    # One episode after the other: where the next begins, no step leads across, also where the
+    # recording broke off.
+    is_last = data.episode[1:] != data.episode[:-1]
+    frames["next", "done"][:-1] |= is_last[:, None]
     frames["next", "done"][-1] = True
-    for key, spec in given.items():
+    for key, spec in specs.items():
         if key not in frames or frames[key].shape[1:] != spec.shape:
             raise DataError(
                 f"no data hold the '{key}' {list(spec.shape)} that {config.env} observes; learn "
                 "without data"
             )
-    if (teacher := teacher_of(config, learner)) is not None:  # whose policy knows its statistics
+    teacher = teacher_of(config, learner)
+    if teacher is not None:
+        # Its policy is asked for its actions, and knows observations by its own statistics, which
+        # this loads into the transforms.
         load_state(teacher, one_robot(teacher.read_config()), env)
     frames = through(env, frames)
     learner.see(frames)
+    _give(learner, frames, config)
+    return frames
+
+
+def _give(learner: Learner, frames: TensorDict, config: TrainConfig) -> None:
+    """Put recorded frames ``[time]`` where a learner draws its batches from."""
     if isinstance(learner.memory, TransitionReplayBuffer):
+        # Of the same kind as the memory, so that each batch can be half of both; a ring of one row
+        # would have no next.
         learner.dataset = learner.memory.empty_like(max(2, len(frames)))
         learner.dataset.extend(frames)
     elif learner.memory is not None and not learner.imitates:
-        # of a user, with batches of its own kind: it comes first
+        # A user's memory has batches of its own kind, which no other buffer can make.
         learner.remember(frames)
     else:
         size = getattr(config.settings, "batch_size", 256)
@@ -223,11 +249,11 @@ def attach_dataset(config: TrainConfig, learner: Learner, env: EnvBase) -> Tenso
         learner.dataset = recorded_memory(
             frames, size, keys, chunk=learner.chunk, device=learner.device
         )
-    return frames
 
 
 def teacher_of(config: TrainConfig, learner: Learner) -> RunFolder | None:
     """The run of the demonstrations whose policy a new learner imitates, if there is one."""
+    # What goes on from another run has learned already; what imitates learns from data as they are.
     if config.demonstrations is None or config.start is not None or learner.imitates:
         return None
     folder = RunFolder(config.demonstrations)
@@ -241,42 +267,43 @@ def warm_start(
     ``frames`` are given; those of a run with what its policy would have done. Raises RunError if
     there is no such run or the agent cannot be taught, CheckpointError if they do not fit."""
     if config.start is not None:
-        folder = RunFolder(config.start)
-        old_config = folder.read_config()
-        if old_config.agent != config.agent:
-            remedy = (
-                "take that agent, or let the run demonstrate: --demonstrations "
-                f"{quoted(config.start)}"
-            )
-            raise CheckpointError(
-                f"{config.start} is {old_config.agent}'s, not {config.agent}'s; {remedy}"
-            )
-        if old_config.base != config.base:
-            raise CheckpointError(
-                f"{config.start} adds to the base {old_config.base}, not to {config.base}; "
-                "give its own"
-            )
-        # a user's class differs each time it is loaded
-        if old_config.to_dict()["settings"] != config.to_dict()["settings"]:
-            raise CheckpointError(
-                f"the agent of {config.start} has other settings; go on with its own"
-            )
-        state = load_state(folder, one_robot(old_config), env)
-        restore(learner, state["agent"])
-        load_transform_state(env, state["transforms"])
-        learner.begin_elsewhere()  # episodes that ran in a fleet do not go on
+        _go_on_from(config.start, config, learner, env)
     elif frames is not None and config.demonstrations is not None and not learner.imitates:
         actions = frames["action"]
         if teacher_of(config, learner) is not None:
+            # What a run recorded has exploration in it; its policy's best actions have none.
             teacher = load_learner(config.demonstrations, env).learner
             teacher.reset_policy()
-            actions = teacher.exploit(frames.select(*teacher.policy.in_keys))["action"]
+            observations = frames.select(*teacher.policy.in_keys)
+            actions = teacher.exploit(observations)["action"]
         imitate(learner, frames, actions)
+
+
+def _go_on_from(start: str, config: TrainConfig, learner: Learner, env: EnvBase) -> None:
+    """Let a new learner go on from a run of the same agent with the same settings."""
+    folder = RunFolder(start)
+    old_config = folder.read_config()
+    if old_config.agent != config.agent:
+        remedy = f"take that agent, or let the run demonstrate: --demonstrations {quoted(start)}"
+        raise CheckpointError(f"{start} is {old_config.agent}'s, not {config.agent}'s; {remedy}")
+    if old_config.base != config.base:
+        raise CheckpointError(
+            f"{start} adds to the base {old_config.base}, not to {config.base}; give its own"
+        )
+    # As plain values: a user's class differs each time it is loaded.
+    if old_config.to_dict()["settings"] != config.to_dict()["settings"]:
+        raise CheckpointError(f"the agent of {start} has other settings; go on with its own")
+    state = load_state(folder, one_robot(old_config), env)
+    restore(learner, state["agent"])
+    load_transform_state(env, state["transforms"])
+    # Episodes that ran in a fleet do not go on.
+    learner.begin_elsewhere()
 
 
 def check_weights(learner: Learner) -> None:
     """Raise DivergedError if a weight of the acting policy is not finite."""
-    if not all(bool(tensor.isfinite().all()) for tensor in learner.acting.state_dict().values()):
+    tensors = learner.acting.state_dict().values()
+    if not all(bool(tensor.isfinite().all()) for tensor in tensors):
         raise DivergedError(
             "the agent has diverged: its weights are not finite; train it with a smaller "
             "learning_rate"

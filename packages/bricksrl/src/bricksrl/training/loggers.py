@@ -19,6 +19,7 @@ class Tracking(Callback):
     not installed."""
 
     def __init__(self, log: str) -> None:
+        # Now, rather than when the robot is connected.
         if importlib.util.find_spec(log) is None:
             raise RunError(
                 f"{log} is not installed; run `pip install {log}`, or omit --log: metrics.csv is "
@@ -30,9 +31,11 @@ class Tracking(Callback):
         from torchrl.record.loggers import get_logger
 
         project = {"project": PROJECT, "config": config.to_dict()}
-        mode = "online" if _logged_in_to_wandb() else "offline"  # avoids a prompt for an account
+        # Online without an account it would ask for one, and the robot would wait.
+        mode = "online" if _logged_in_to_wandb() else "offline"
         wandb = {**project, "mode": mode, "log_env_packages": False}
-        name = run_dir.name if self._kind != "tensorboard" else "tensorboard"
+        # TensorBoard's logs are a folder within the run, the others' name the run elsewhere.
+        name = "tensorboard" if self._kind == "tensorboard" else run_dir.name
         self._log: Any = get_logger(
             self._kind, str(run_dir), name, trackio_kwargs=project, wandb_kwargs=wandb
         )
@@ -40,13 +43,18 @@ class Tracking(Callback):
     def on_episode(self, episode: Episode, progress: Progress) -> None:
         for name, value in numbers(episode).items():
             self._log.log_scalar(name, value, step=episode.steps)
+        # TensorBoard holds back what it logs, and a run takes long enough to look at it meanwhile.
         flush = getattr(self._log.experiment, "flush", None)
         if flush is not None:
             flush()
 
     def on_end(self, result: RunResult) -> None:
         experiment = self._log.experiment
-        (getattr(experiment, "finish", None) or experiment.close)()
+        # Weights & Biases and Trackio finish a run, TensorBoard closes a file.
+        if hasattr(experiment, "finish"):
+            experiment.finish()
+        else:
+            experiment.close()
 
 
 def numbers(episode: Episode) -> dict[str, float]:
@@ -60,14 +68,20 @@ def numbers(episode: Episode) -> dict[str, float]:
         "link_lost",
         "seconds",
     )
-    values = {name: getattr(episode, name) for name in names}
-    numeric = {name: float(value) for name, value in values.items() if value is not None}
-    return {"return": episode.return_, **numeric, **episode.measures}
+    logged = {"return": episode.return_}
+    for name in names:
+        value = getattr(episode, name)
+        # Trackers want numbers: what an episode does not have is left out.
+        if value is not None:
+            logged[name] = float(value)
+    return logged | episode.measures
 
 
 def _logged_in_to_wandb() -> bool:
-    if os.environ.get("WANDB_MODE"):
-        return os.environ["WANDB_MODE"] == "online"
+    # Where `wandb` itself looks, in its order: variables, then what `wandb login` has written.
+    mode = os.environ.get("WANDB_MODE")
+    if mode:
+        return mode == "online"
     if os.environ.get("WANDB_API_KEY"):
         return True
     try:

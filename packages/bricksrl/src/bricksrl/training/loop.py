@@ -35,7 +35,8 @@ from bricksrl.training.run_folder import DATA_FOLDER, RunFolder
 from bricksrl.training.signals import InterruptedEpisodeError, StopSignals
 from bricksrl.training.sources import Copies, Ended, Moved, OneRobot, Playing, Source, reconnect_of
 
-STRIDE = 20  # updates from data between checks for a stop
+STRIDE = 20
+"""Updates from data between two checks for a stop: Ctrl-C waits for at most so many."""
 
 
 @dataclass
@@ -57,16 +58,33 @@ class Loop:
 
     def __post_init__(self, state: dict[str, Any]) -> None:
         self.actor = self.learner.actor
-        # which is better than uniform actions
+
+        # An agent that was taught, or has a base, acts better than at random from the start.
         is_taught = any((self.config.start, self.config.base, self.config.demonstrations))
         self.prefill_episodes = 0 if is_taught else self.actor.prefill_episodes
-        # must be equal in a checkpoint and its run
+
+        # What a checkpoint brings. The identity must be equal in a checkpoint and its run.
         self.identity: dict[str, Any] = state["identity"]
-        self.episodes = [Episode.from_dict(data) for data in state["episodes"]]  # complete ones
-        self.best: float | None = state["best"]  # mean return of the best evaluation
-        self.is_evaluation_due: bool = state["is_evaluation_due"]  # of the last episode
-        self.recorded: int = state["recorded"]  # whole episodes in the dataset
-        is_held = "observation" in given_specs(base_of(self.env))  # by a dataset
+        # Complete ones only: an interrupted run begins its last episode anew.
+        self.episodes = [Episode.from_dict(data) for data in state["episodes"]]
+        # Mean return of the best evaluation.
+        self.best: float | None = state["best"]
+        # Of the last episode.
+        self.is_evaluation_due: bool = state["is_evaluation_due"]
+        # Number of whole episodes in the dataset.
+        self.recorded: int = state["recorded"]
+
+        # What is not in a checkpoint. Episodes that have started, complete or not.
+        self._started = len(self.episodes)
+        # Numbers of episodes that were lost before their first step: they are played again.
+        self._numbers_again = list[int]()
+        self._last_end_s = 0.0
+        self._saved_at: LearningPace | None = None
+        self._recorder: RunRecorder | None = None
+        self.source = self._make_source()
+
+    def _make_source(self) -> Source:
+        """Where the steps come from: robots of a fleet, copies, or one robot."""
         make: type[FleetRobots | Copies | OneRobot]
         if isinstance(base_of(self.env), Fleet):
             make = FleetRobots
@@ -74,7 +92,10 @@ class Loop:
             make = Copies
         else:
             make = OneRobot
-        self.source: Source = make(
+        # A dataset holds the vector "observation": an environment without one cannot be recorded.
+        fits_dataset = "observation" in given_specs(base_of(self.env))
+        learns_on_robots = not self.config.updates and not self.env.batch_size
+        return make(
             env=self.env,
             learner=self.learner,
             callback=self.callback,
@@ -83,16 +104,8 @@ class Loop:
             next_episode=self._next_episode,
             hub=self.config.hub,
             patience_s=self.config.patience_s,
-            is_recorded=self.config.record
-            and is_held
-            and not self.config.updates
-            and not self.env.batch_size,
+            is_recorded=self.config.record and fits_dataset and learns_on_robots,
         )
-        self._started = len(self.episodes)  # episodes, complete or not
-        self._again = list[int]()  # numbers of those that were lost before their first step
-        self._ended_s = 0.0  # time of the last one's end
-        self._saved_at: LearningPace | None = None
-        self._recorder: RunRecorder | None = None
 
     def run(self, folder: RunFolder) -> RunResult:
         """Train to the last episode or an interruption. Raises the errors of
@@ -106,20 +119,27 @@ class Loop:
             updates_per_step = None
             caught_up = 0
             try:
-                if self.is_evaluation_due:  # the run was interrupted before or in it
+                # The run that is resumed was interrupted before this evaluation, or in it.
+                if self.is_evaluation_due:
                     self._evaluate()
                 if not self._is_over() and not self.signals.requested:
                     self._collect()
-                pace = self.learner.pace  # once, as learning continues meanwhile
+                # Read once, as another process learns on meanwhile: the ratio is that of the
+                # robot's work, what follows is caught up.
+                pace = self.learner.pace
                 updates_per_step = pace.updates_per_step(self.actor)
                 caught_up = self._catch_up(pace)
             except InterruptedEpisodeError:
+                # The checkpoints are still to be written; further updates are not waited for.
                 self.learner.finish(lambda: False)
             except (KeyboardInterrupt, BricksError):
+                # After Ctrl-C, whatever ends the run is its end.
                 if not self.signals.requested:
-                    check_weights(self.actor)  # rather than an error that follows from them
+                    # A robot that is told to move by NaN fails too: name the cause instead.
+                    check_weights(self.actor)
                     raise
             finally:
+                # Also of a run that failed: its episodes are complete.
                 with self.signals.held_back():
                     folder.draw_curve(self.config, self.episodes)
             is_interrupted = self.is_evaluation_due or not self._is_over()
@@ -128,10 +148,7 @@ class Loop:
             )
             self.callback.on_end(result)
         finally:
-            if self._recorder is not None:
-                with self._recorder:
-                    for playing in self.source.playing.values():
-                        self._record(playing, success=None, whole=False)
+            self._record_unfinished()
         return result
 
     def _collect(self) -> None:
@@ -142,9 +159,12 @@ class Loop:
                     self._moved(event)
                 case Ended():
                     self._ended(event)
+                    # Here nothing is lost, wherever the stop was asked for.
                     if self._is_over() or self.signals.requested:
                         return
-            if self.signals.requested and not (isinstance(event, Moved) and event.is_last):
+            # An episode whose last step is made is complete: its end comes with the next event.
+            is_last_step = isinstance(event, Moved) and event.is_last
+            if self.signals.requested and not is_last_step:
                 raise InterruptedEpisodeError
 
     def _next_episode(self, being_played: int) -> Playing | None:
@@ -152,15 +172,18 @@ class Loop:
         are the last ones."""
         if len(self.episodes) + being_played >= self.config.episodes:
             return None
-        if self._again:
-            number = self._again.pop(0)
+
+        # One that was lost before its first step keeps its number: by it an episode is random or
+        # not, and has its seed.
+        if self._numbers_again:
+            number = self._numbers_again.pop(0)
         else:
             self._started += 1
             number = self._started
-        is_random = number <= self.prefill_episodes
+
         if self.config.updates:
             phase = Phase.OFFLINE
-        elif is_random:
+        elif number <= self.prefill_episodes:
             phase = Phase.PREFILL
         else:
             phase = Phase.TRAIN
@@ -168,29 +191,44 @@ class Loop:
         # The seed is that of the number, so that a resumed run draws what the whole one would have.
         seed = episode_seed("training", self.config.seed, number)
         playing = Playing(number, phase, seed, policy)
-        # a difference of rounded totals: all shares together are exactly the updates of the config
-        total = self.config.updates
-        episodes = self.config.episodes
-        due = total * number // episodes - total * (number - 1) // episodes
-        # in strides, as Ctrl-C waits for the end of one
-        for start in range(0, due, STRIDE):
-            playing.metrics.append(self.actor.make_updates(min(STRIDE, due - start)))
+
+        # Learning from data comes before the episode, which shows what was learned.
+        updates = self._updates_before(number)
+        for start in range(0, updates, STRIDE):
+            count = min(STRIDE, updates - start)
+            playing.metrics.append(self.actor.make_updates(count))
             if self.signals.requested:
                 raise InterruptedEpisodeError
         return playing
+
+    def _updates_before(self, number: int) -> int:
+        """An episode's share of the updates from data."""
+        # A difference of rounded totals: all shares together are exactly the updates of the config.
+        total = self.config.updates
+        episodes = self.config.episodes
+        to_here = total * number // episodes
+        to_previous = total * (number - 1) // episodes
+        return to_here - to_previous
 
     def _moved(self, moved: Moved) -> None:
         """Store a step, or a batch of copies, and learn from it."""
         playing = moved.playing
         frame = moved.frame
+        # Such episodes only show what was learned from data.
         if playing.phase is Phase.OFFLINE:
             return
-        frames = frame if frame.batch_dims else frame[None]
-        if not moved.is_lost and not frame.batch_dims:
-            self.callback.on_transition(playing.number, playing.length, playing.phase, moved.own)
+
+        is_batch = bool(frame.batch_dims)
+        if not is_batch and not moved.is_lost:
+            self.callback.on_transition(
+                playing.number, playing.length, playing.phase, moved.own_frame
+            )
+        frames = frame if is_batch else frame[None]  # [copies, time] or [1]
+        # Also one in which the link broke: its outcome is left out, but the memory sees the gap.
         self.learner.remember(frames, playing.robot)
         if playing.phase is Phase.TRAIN and not moved.is_lost:
-            playing.metrics.append(self.learner.learn(frames.shape[-1]))
+            steps = frames.shape[-1]
+            playing.metrics.append(self.learner.learn(steps))
         self.callback.on_step(playing.number, playing.length, playing.phase)
 
     def _ended(self, ended: Ended) -> None:
@@ -198,10 +236,12 @@ class Loop:
         is time."""
         playing = ended.playing
         episode = ended.episode
+        # Lost before its first step: there is nothing to keep.
         if episode is None:
             self.learner.end_episodes(playing.robot)
-            self._again.append(playing.number)
+            self._numbers_again.append(playing.number)
             return
+        # Before anything is written, so that a checkpoint never holds what cannot be learned from.
         if not math.isfinite(episode.return_):
             raise DescriptionError(
                 f"the return of episode {playing.number} is {episode.return_}: a reward of "
@@ -211,10 +251,14 @@ class Loop:
         with self.signals.held_back():
             # The dataset comes first, so that no failure of what follows loses an episode of a real
             # robot.
-            whole = not (episode.link_lost or ended.is_cut)
-            self._record(playing, success=None if ended.is_cut else episode.success, whole=whole)
+            is_whole = not episode.link_lost and not ended.is_cut
+            # What a pause cut short was not judged to its end.
+            success = None if ended.is_cut else episode.success
+            self._record(playing, success=success, whole=is_whole)
+            # Before the checkpoint: in it, no transition leads from this episode into the next.
             self.learner.end_episodes(playing.robot)
             self._keep(playing, episode)
+        # An evaluation reports the episode itself, with its result.
         if self.is_evaluation_due:
             self._evaluate()
         else:
@@ -222,44 +266,66 @@ class Loop:
 
     def _keep(self, playing: Playing, episode: Episode) -> None:
         """Count an episode: write it into the metrics, and the checkpoint."""
-        previous = self.episodes[-1] if self.episodes else None
-        begun_s = max(playing.started_s, self._ended_s)
-        self._ended_s = time.perf_counter()
-        updates = {name: float(value) for name, value in means(playing.metrics).items()}
+        steps_before = self.episodes[-1].steps if self.episodes else 0
+        seconds_before = self.episodes[-1].seconds if self.episodes else 0.0
+        # Episodes of a fleet overlap: each counts the time since the last end alone, so that the
+        # total is that of the clock.
+        begun_s = max(playing.started_s, self._last_end_s)
+        self._last_end_s = time.perf_counter()
+        number = len(self.episodes) + 1
+        counted = replace(
+            episode,
+            episode=number,
+            steps=episode.steps + steps_before,
+            measures=episode.measures | self._update_measures(playing, episode),
+            seconds=self._last_end_s - begun_s + seconds_before,
+            updates_per_step=self.learner.pace.updates_per_step(self.actor),
+        )
+        is_time = bool(self.config.eval_every) and number % self.config.eval_every == 0
+        # After a lost link the robot may not be back yet: the next time will do.
+        self.is_evaluation_due = is_time and not counted.link_lost
+        self.episodes.append(counted)
+        # The checkpoint comes last: resuming writes the metrics anew from it, so that they may be
+        # ahead of it, but never behind.
+        self.folder.append(counted)
+        self.save()
+
+    def _update_measures(self, playing: Playing, episode: Episode) -> dict[str, float]:
+        """Means over an episode's updates, by names that are not the task's."""
+        measures = {name: float(value) for name, value in means(playing.metrics).items()}
         measured_by = f"measures of the updates of {without_folder(self.config.agent)}"
-        check_measures(updates, measured_by)
-        if twice := sorted(updates.keys() & episode.measures.keys()):
+        check_measures(measures, measured_by)
+        # Both are columns of one table.
+        twice = sorted(measures.keys() & episode.measures.keys())
+        if twice:
             raise DescriptionError(
                 f"{measured_by} have the name '{twice[0]}', as a metric of the task has; give it "
                 "another one"
             )
-        episode = replace(
-            episode,
-            episode=len(self.episodes) + 1,
-            steps=episode.steps + (previous.steps if previous else 0),
-            measures=episode.measures | updates,
-            seconds=self._ended_s - begun_s + (previous.seconds if previous else 0.0),
-            updates_per_step=self.learner.pace.updates_per_step(self.actor),
-        )
-        is_time = bool(self.config.eval_every) and episode.episode % self.config.eval_every == 0
-        self.is_evaluation_due = is_time and not episode.link_lost
-        self.episodes.append(episode)
-        self.folder.append(episode)
-        self.save()
+        return measures
 
     def _report(self) -> None:
         """Tell the callback of the last episode, which is complete."""
-        self.callback.on_episode(
-            self.episodes[-1], Progress.of(self.episodes, self.config.episodes)
-        )
+        progress = Progress.of(self.episodes, self.config.episodes)
+        self.callback.on_episode(self.episodes[-1], progress)
 
     def _record(self, playing: Playing, *, success: bool | None, whole: bool) -> None:
         """Write an episode into the dataset."""
-        if self._recorder is not None and playing.about is not None:
-            self._recorder.write(
-                playing.steps, replace(playing.about, success=success, whole=whole)
-            )
-            self.recorded = self._recorder.whole
+        # A robot of a fleet that was assigned an episode has not begun it yet.
+        if self._recorder is None or playing.about is None:
+            return
+        about = replace(playing.about, success=success, whole=whole)
+        self._recorder.write(playing.steps, about)
+        self.recorded = self._recorder.whole
+
+    def _record_unfinished(self) -> None:
+        """Record the episodes that the run's end cut short, as far as they went, and close the
+        dataset."""
+        if self._recorder is None:
+            return
+        with self._recorder:
+            for playing in self.source.playing.values():
+                self._record(playing, success=None, whole=False)
 
     def _evaluate(self) -> None:
         """Evaluate after the last episode, and save the best checkpoint; without a result if the
@@ -268,11 +334,13 @@ class Loop:
         Until its end the evaluation stays due, so that an interrupted run makes it when it is
         resumed.
         """
-        # the policy must not change meanwhile
+        # An asynchronous learner finishes first: the policy must not change meanwhile.
         self.learner.finish(lambda: not self.signals.requested)
-        if (reconnect := reconnect_of(self.env)) is not None:
-            reconnect.on_error = lambda _: None  # no episode of the run is affected
-        player = play_episodes(
+        reconnect = reconnect_of(self.env)
+        if reconnect is not None:
+            # A link that breaks here breaks in no episode of the run, so nobody is told.
+            reconnect.on_error = lambda _: None
+        rollouts = play_episodes(
             self.env,
             self._exploit,
             self.config.eval_episodes,
@@ -282,17 +350,21 @@ class Loop:
         )
         mean = None
         try:
+            # With statistics and random draws as before, so that training goes on as it would have.
             with unaffected(self.env):
-                played = list(player)
-            mean = sum(rollout.return_ for rollout in played) / len(played)
+                returns = [rollout.return_ for rollout in rollouts]
+            mean = sum(returns) / len(returns)
         except HubError:
-            pass  # the run goes on
+            # The run goes on: one evaluation is worth less than a run.
+            pass
         with self.signals.held_back():
             self.is_evaluation_due = False
             self.episodes[-1] = replace(self.episodes[-1], evaluation=mean)
-            if mean is not None and (self.best is None or mean > self.best):
+            is_best = mean is not None and (self.best is None or mean > self.best)
+            if is_best:
                 self.best = mean
                 self.learner.save(self.folder.best_path, self._state())
+            # All rows: the evaluation belongs into the last one, which is written already.
             self.folder.write_episodes(self.episodes)
             self.save()
         self._report()
@@ -309,12 +381,16 @@ class Loop:
             return True
         if self.config.stop_at is None or not self.episodes:
             return False
+        # Evaluations, if there are any, as returns of training include exploration.
         if self.config.eval_every:
             evaluation = self.episodes[-1].evaluation
             return evaluation is not None and evaluation >= self.config.stop_at
+        # An episode that a lost link cut short says little about the agent.
         whole = [episode for episode in self.episodes if not episode.link_lost]
-        recent = [episode.return_ for episode in whole[-WINDOW:] if episode.phase is Phase.TRAIN]
-        return len(recent) == WINDOW and sum(recent) / WINDOW >= self.config.stop_at
+        returns = [episode.return_ for episode in whole[-WINDOW:] if episode.phase is Phase.TRAIN]
+        if len(returns) < WINDOW:
+            return False
+        return sum(returns) / WINDOW >= self.config.stop_at
 
     def save(self) -> None:
         """Write the checkpoint."""
@@ -323,21 +399,22 @@ class Loop:
 
     def _state(self) -> dict[str, Any]:
         """State of the run at the end of its last episode, without its agent."""
-        progress = {
-            "best": self.best,
-            "is_evaluation_due": self.is_evaluation_due,
-            "recorded": self.recorded,
-        }
-        return {**run_state(self.env, self.identity, self.episodes), **progress}
+        state = run_state(self.env, self.identity, self.episodes)
+        state["best"] = self.best
+        state["is_evaluation_due"] = self.is_evaluation_due
+        state["recorded"] = self.recorded
+        return state
 
     def _catch_up(self, before: LearningPace) -> int:
         """Finish pending updates and checkpoints. Returns the number of updates."""
-        due = round((before.asked - before.done) * self.actor.updates_per_step)
-        if due and not self.signals.requested:
-            self.callback.on_catching_up(due)
+        steps_behind = before.asked - before.done
+        updates_due = round(steps_behind * self.actor.updates_per_step)
+        if updates_due and not self.signals.requested:
+            self.callback.on_catching_up(updates_due)
         self.learner.finish(lambda: not self.signals.requested)
-        updates = round((self.learner.pace.done - before.done) * self.actor.updates_per_step)
+        steps_caught_up = self.learner.pace.done - before.done
+        # The last checkpoint was asked for before these updates.
         if self.episodes and self.learner.pace != self._saved_at:
             self.save()
             self.learner.finish(lambda: False)
-        return updates
+        return round(steps_caught_up * self.actor.updates_per_step)

@@ -31,7 +31,10 @@ class RunRecorder(Recorder):
         super().__init__(root, description)
         whole = [row.about for row in self.rows if row.about.whole]
         self.whole = len(whole)
-        self._uncounted = {about.seed for about in whole[counted:] if about.hub in ("", "virtual")}
+        # Seeds of what was recorded after the checkpoint: with a virtual robot they will be the
+        # same episodes again.
+        uncounted = whole[counted:]
+        self._uncounted = {about.seed for about in uncounted if about.hub in ("", "virtual")}
 
     def write(self, steps: Sequence[Step], about: About) -> None:
         """Write an episode, as `Recorder.write`, unless it was recorded before the run was
@@ -41,4 +44,5 @@ class RunRecorder(Recorder):
             return
         before = len(self.rows)
         super().write(steps, about)
+        # The base class may leave an episode out, such as one without steps.
         self.whole += sum(row.about.whole for row in self.rows[before:])

@@ -1,13 +1,15 @@
 """The state of a run: what is saved with its agent, and a verified checkpoint restored."""
 
-import contextlib
-from dataclasses import asdict
+from dataclasses import asdict, dataclass, fields
 from typing import Any, Literal
 
 import torch
+from tensordict import TensorDict
+from torch import Tensor
 from torchrl.envs import EnvBase
 
 from brickhub.fields import check_fields, check_value
+from brickhub.files import parsing
 from bricksrl.agents.learner import Learner
 from bricksrl.agents.networks import action_size
 from bricksrl.agents.teachers import anchor
@@ -17,10 +19,7 @@ from bricksrl.envs.transforms import (
     prepare,
     transform_state,
 )
-from bricksrl.errors import (
-    BricksError,
-    CheckpointError,
-)
+from bricksrl.errors import CheckpointError
 from bricksrl.training.callbacks import Episode
 from bricksrl.training.checkpoint import load_checkpoint
 from bricksrl.training.config import TrainConfig, portable
@@ -34,6 +33,8 @@ def restore(learner: Learner, state: dict[str, Any]) -> None:
     """Restore `Learner.state_dict` of a learner that may be anchored. Raises CheckpointError as
     `Learner.load_state_dict` does, RunError if an anchored one is compiled."""
     loss = state.get("loss")
+    # An anchor is a part of the loss that only a taught learner has: it has to be there before its
+    # state is loaded into it.
     if isinstance(loss, dict) and any(str(name).startswith("anchor.") for name in loss):
         anchor(learner)
     learner.load_state_dict(state)
@@ -59,44 +60,45 @@ def load_state(
     path = folder.checkpoint_path if which == "last" else folder.best_path
     state = load_checkpoint(path)
     prepare(env)
-    # others: their layout differs
-    with contextlib.suppress(AttributeError, LookupError, RuntimeError, TypeError, ValueError):
+    # Before the identity, as what a transform keeps may change the layout. Where it does not fit,
+    # the transforms are others, and so is the layout, which is the error to tell.
+    misfit: Exception | None = None
+    try:
         load_transform_state(env, state["transforms"], frozen=frozen)
+    except Exception as error:  # noqa: BLE001
+        # - transforms of any kind refuse in any way
+        misfit = error
     identity = identity_of(config, env)
-    differs = _differences(state.get("identity"), identity)
-    if differs and differs <= {"layout", "action_size"}:
+    # The digest says that the file is whole, not who wrote it: a stranger's may hold anything, and
+    # whatever is wrong inside, there is one thing to do about it.
+    with parsing(
+        CheckpointError(f"{path} lacks a part of a run's state; restore a copy or train again")
+    ):
+        differing = _differing(state["identity"], identity)
+        if not differing:
+            _check_parts(state)
+        if not differing and misfit is not None:
+            raise misfit
+    if differing and differing <= {"layout", "action_size"}:
         raise CheckpointError(
             f"{folder.path} learned in {config.env}; choose an environment with its observations "
             "and actions"
         )
-    if differs:
+    if differing:
         raise CheckpointError(
             f"{path} belongs to another config; restore the run's own config.json"
         )
-    try:
-        _check_state(state)
-    except (
-        AttributeError,
-        BricksError,
-        LookupError,
-        OverflowError,
-        RuntimeError,
-        TypeError,
-        ValueError,
-    ):
-        raise CheckpointError(
-            f"{path} lacks a part of a run's state; restore a copy or train again"
-        ) from None
     return state
 
 
 def identity_of(config: TrainConfig, env: EnvBase) -> dict[str, Any]:
     """Values that must be equal in a checkpoint and its run."""
     data = config.to_dict()
+    identity = {key: data[key] for key in ("env", "agent", "seed", "settings")}
     layout = asdict(layout_of(env))
-    run = {key: data[key] for key in ("env", "agent", "seed", "settings")}
-    del layout["names"]  # for messages
-    return {**run, "layout": layout, "action_size": action_size(env)}
+    # Names are for messages: weights do not depend on them.
+    del layout["names"]
+    return {**identity, "layout": layout, "action_size": action_size(env)}
 
 
 def run_state(env: EnvBase, identity: dict[str, Any], episodes: list[Episode]) -> dict[str, Any]:
@@ -106,47 +108,49 @@ def run_state(env: EnvBase, identity: dict[str, Any], episodes: list[Episode]) -
     episode is to be evaluated yet, and ``recorded`` the number of whole episodes in the run's
     dataset.
     """
-    state = {"identity": identity, "episodes": [episode.to_dict() for episode in episodes]}
-    progress = {"best": None, "is_evaluation_due": False, "recorded": 0}
     return {
-        **state,
-        **progress,
+        "identity": identity,
+        "episodes": [episode.to_dict() for episode in episodes],
+        "best": None,
+        "is_evaluation_due": False,
+        "recorded": 0,
+        # Without it a resumed run would draw other actions than the whole one.
         "generator": torch.get_rng_state(),
         "transforms": transform_state(env),
     }
 
 
-def _differences(saved: Any, identity: dict[str, Any]) -> set[str]:
-    """Names of the values that differ in a checkpoint."""
-    try:
-        saved = portable(saved)
-        identity = portable(identity)
-        return {key for key, value in identity.items() if value != saved[key]}
-    except (AttributeError, LookupError, RuntimeError, TypeError):
-        # A part is missing, or there is a tensor in place of a number.
-        return set(identity)
+@dataclass
+class _Parts:
+    """Parts of a checkpoint beside its agent, whose learner checks it, and their types."""
+
+    episodes: list[dict[str, Any]]
+    best: float | None
+    is_evaluation_due: bool
+    recorded: int
+    pace: dict[str, int]
+    collected: list[dict[str, Any]]
+    transforms: dict[str, Any]
+    generator: Tensor
 
 
-def _check_state(state: dict[str, Any]) -> None:
-    """Raise any error unless the state is complete; the learner checks its own part."""
-    for episode in map(Episode.from_dict, state["episodes"]):
-        check_fields(Episode, vars(episode))
-        for value in (
-            *episode.measures.values(),
-            episode.updates_per_step or 0.0,
-            episode.evaluation or 0.0,
-        ):
-            float(value)
-    if any(type(state["pace"][name]) is not int for name in ("asked", "done")):
-        raise TypeError
+def _differing(saved: dict[str, Any], identity: dict[str, Any]) -> set[str]:
+    """Names of the values that differ in a checkpoint. Raises any error where one is missing."""
+    # A run may have been moved with its user's files: their names count, and not the folders.
+    saved = portable(saved)
+    identity = portable(identity)
+    return {key for key, value in identity.items() if value != saved[key]}
+
+
+def _check_parts(state: dict[str, Any]) -> None:
+    """Raise any error unless a run can go on from the state."""
+    check_fields(_Parts, {field.name: state[field.name] for field in fields(_Parts)})
+    for data in state["episodes"]:
+        check_fields(Episode, vars(Episode.from_dict(data)))
+    for name in ("asked", "done"):
+        _ = state["pace"][name]
     torch.Generator().set_state(state["generator"])
-    float(state["best"] or 0.0)
-    if type(state["recorded"]) is not int or type(state["is_evaluation_due"]) is not bool:
-        raise TypeError
-    for frames in state["collected"]:
-        frames["next"]["done"].shape  # noqa: B018
-    if not isinstance(state["transforms"], dict):
-        raise TypeError
+    # A replay buffer takes rows of any shape, and an update would fail on them much later.
     identity = state["identity"]
     shapes = dict(identity["layout"]["vectors"])
     shapes["action"] = [identity["action_size"]]
@@ -154,4 +158,6 @@ def _check_state(state: dict[str, Any]) -> None:
     rows = state["agent"].get("memory", {"rows": {}})["rows"]
     for name, shape in shapes.items():
         if name in rows and list(rows[name].shape[1:]) != list(shape):
-            raise ValueError
+            raise ValueError(name)
+    for frames in state["collected"]:
+        _ = TensorDict(frames)["next", "done"]

@@ -121,43 +121,56 @@ def _run(
     driver: Driver | None,
 ) -> RunResult:
     """A new run, or one from the checkpoint in ``folder``."""
-    if len(config.hubs) > 1 and (env is not None or driver is not None):
+    is_fleet = len(config.hubs) > 1
+    if is_fleet and (env is not None or driver is not None):
         raise RunError("a fleet takes no env and no driver; omit them")
-    if (
-        env is not None
-        and env.batch_size
-        and not {"episode_reward", "step_count"} <= set(env.full_observation_spec.keys())
-    ):
-        raise RunError(
-            "copies of your own need TorchRL's RewardSum and StepCounter; add them, or omit env "
-            "and give num_envs"
-        )
+    if env is not None and env.batch_size:
+        _check_copies(env)
     callback = callback or Callback()
     if config.log != "none":
         callback = CallbackList(callback, Tracking(config.log))
     with ExitStack() as stack:
         if env is None:
-            if len(config.hubs) > 1:
-                env = make_fleet(config, place if config.hub != "virtual" else None)
-            else:
-                # Only thousands of copies in one batch are worth a device; a robot, and a single
-                # simulation, act on the processor.
-                is_batch = config.num_envs > 1 and is_simulation(config.env)
-                env = make(
-                    config.env,
-                    config.robot,
-                    copies=config.num_envs,
-                    seed=config.seed,
-                    device=config.device if is_batch else "cpu",
-                    place=place,
-                )
+            env = _make_env(config, place)
             stack.callback(env.close, raise_if_closed=False)
         else:
+            # Agents act in -1..1, which `make` sees to by itself.
             env = with_unit_actions(env)
+        # After the environment is made, whose own draws do not count then.
         stack.enter_context(reproducible(derive_seed(config.seed, "agent")))
         signals = stack.enter_context(StopSignals(stop or threading.Event()))
+        # What a user's algorithm raises is told with the line of its file.
         with calling(config.agent, "fails", is_of_user=is_reference(config.agent)):
             return _run_in(env, config, folder, callback, signals, driver)
+
+
+def _check_copies(env: EnvBase) -> None:
+    """Raise RunError if the episodes of a user's copies cannot be told."""
+    # Copies end at different steps: their returns and lengths stand in the frames alone.
+    needed = {"episode_reward", "step_count"}
+    if not needed <= set(env.full_observation_spec.keys()):
+        raise RunError(
+            "copies of your own need TorchRL's RewardSum and StepCounter; add them, or omit env "
+            "and give num_envs"
+        )
+
+
+def _make_env(config: TrainConfig, place: Placement | None) -> EnvBase:
+    """The environment of a config: a fleet, copies, or one robot."""
+    if len(config.hubs) > 1:
+        # Virtual robots of several processes need nobody's hands.
+        return make_fleet(config, place if config.hub != "virtual" else None)
+    # Only thousands of copies in one batch are worth a device; a robot, and a single simulation,
+    # act on the processor.
+    is_batch = config.num_envs > 1 and is_simulation(config.env)
+    return make(
+        config.env,
+        config.robot,
+        copies=config.num_envs,
+        seed=config.seed,
+        device=config.device if is_batch else "cpu",
+        place=place,
+    )
 
 
 def _run_in(
@@ -168,6 +181,8 @@ def _run_in(
     signals: StopSignals,
     driver: Driver | None,
 ) -> RunResult:
+    """A new run, or one from the checkpoint in ``folder``, in an environment."""
+    # First: a checkpoint that does not fit is refused before anything moves.
     state = {} if folder is None else load_state(folder, config, env)
     learner = make_learner_for(config, env)
     if len(config.hubs) > 1 and learner.on_policy:
@@ -177,17 +192,21 @@ def _run_in(
     frames = attach_dataset(config, learner, env)
     if folder is None:
         warm_start(config, learner, env, frames)
-        own = {"agent": learner.state_dict(), "pace": {"asked": 0, "done": 0}, "collected": []}
-        state = {**own, **run_state(env, identity_of(config, env), [])}
+        # The first checkpoint: a run that is stopped in its first episode can be resumed.
+        state = {"agent": learner.state_dict(), "pace": {"asked": 0, "done": 0}, "collected": []}
+        state |= run_state(env, identity_of(config, env), [])
     else:
+        # Again, as a teacher's statistics may have been loaded for the dataset.
         load_transform_state(env, state["transforms"])
     callback.on_env(env)
     callback.on_learner(learner)
-    # a learner in another process may write until it has ended
+    # The lock is left last: a learner in another process may write until it has ended.
     with ExitStack() as lock, ExitStack() as stack:
         side = _learning(stack, config, env, learner, state, signals)
+        # After all that draws while things are made.
         torch.set_rng_state(state["generator"])
         loop = Loop(config, env, side, callback, signals, state, driver)
+        # A robot that cannot be reached leaves no folder behind.
         if folder is None and not config.updates:
             loop.source.start()
         with signals.held_back():
@@ -195,10 +214,12 @@ def _run_in(
                 folder = RunFolder.create(config, state)
                 lock.enter_context(only_writer(folder.path, RunError))
             else:
+                # What a crash has left: files half written, and metrics ahead of the checkpoint.
                 remove_unfinished(folder.path)
                 folder.write_episodes(loop.episodes)
                 folder.write_config(config)
-        del state  # may be large
+        # It may hold a replay buffer, which the learner has by now.
+        del state
         return loop.run(folder)
 
 
@@ -212,11 +233,14 @@ def _learning(
 ) -> LearnerSide:
     """The learner from a checkpoint's state, here or in another process until the end of the
     ``stack``."""
-    if not config.asynchronous or learner.loss is None or config.updates:
+    # What learns nothing by gradients, or between episodes alone, keeps no robot waiting.
+    keeps_none_waiting = learner.loss is None or bool(config.updates)
+    if not config.asynchronous or keeps_none_waiting:
         restore(learner, state["agent"])
         learner.act_on(env.device)
         return InLoopLearner(learner, state)
     side = stack.enter_context(AsyncLearner(config, env, learner, state))
+    # A process starts for seconds, and nothing is lost yet.
     with signals.at_once():
         side.wait_until_ready()
     return side

@@ -7,7 +7,7 @@ import itertools
 import json
 import platform
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from importlib import metadata
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -60,27 +60,24 @@ class RunFolder:
     def create(cls, config: TrainConfig, state: dict[str, Any]) -> "RunFolder":
         """Create a folder with config and first checkpoint, atomically. Raises RunError if it
         exists, or WriteError."""
+        # It loads torch, which who only reads a folder does not need.
         from bricksrl.training.checkpoint import save_checkpoint
 
-        default = (
-            Path("runs") / f"{file_name(config.env)}-{file_name(config.agent)}-seed-{config.seed}"
-        )
-        numbered = (default.with_name(f"{default.name}-{number}") for number in itertools.count(2))
-        paths: Iterable[Path] = (
-            itertools.chain([default], numbered) if config.run_dir is None else [config.run_dir]
-        )
+        paths = _default_paths(config) if config.run_dir is None else [config.run_dir]
         for path in paths:
             refuse_within_dataset(path)
             if path.exists():
                 continue
             try:
+                # A folder appears with all files or not at all, so that each run can be resumed.
                 with atomic_folder(path) as temporary:
                     folder = cls(temporary)
                     folder.write_config(config)
                     folder.write_episodes([])
                     save_checkpoint(folder.checkpoint_path, state)
             except WriteError:
-                if path.exists():  # another process created it meanwhile
+                # Another process created it meanwhile, such as one of several seeds.
+                if path.exists():
                     continue
                 raise
             return cls(path)
@@ -88,13 +85,12 @@ class RunFolder:
 
     def write_config(self, config: TrainConfig) -> None:
         """Write the config with the package versions."""
-        packages = {
-            name: metadata.version(name)
-            for name in (*HOUSES, "torch", "torchrl", "tensordict", "mujoco")
-        }
-        versions = {**packages, "python": platform.python_version()}
+        packages = (*HOUSES, "torch", "torchrl", "tensordict", "mujoco")
+        versions = {name: metadata.version(name) for name in packages}
+        versions["python"] = platform.python_version()
         data = {"bricksrl_run": 1, "config": config.to_dict(), "versions": versions}
         text = (json.dumps(data, indent=2) + "\n").encode()
+        # Code that its user has just named needs no second leave, here and on later days.
         if code_in(data["config"]):
             remember(text)
         write_durably(self.config_path, text)
@@ -112,6 +108,7 @@ class RunFolder:
             version = data["bricksrl_run"]
         if version != 1:
             raise RunError(f"{self.config_path} is of another version of BricksRL; start a new run")
+        # Before the config is made of it, which loads the settings of a user's algorithm.
         require_trusted(self.config_path, text, code_in(config))
         return TrainConfig.from_dict(config, run_dir=self.path)
 
@@ -138,33 +135,36 @@ class RunFolder:
         """The evaluation if it is of the agent after this number of episodes, under the conditions
         of its training."""
         data = self.read_evaluation()
-        return (
-            data
-            if data is not None and data["trained_episodes"] == episodes and data.get("as_trained")
-            else None
-        )
+        if data is None:
+            return None
+        # The agent may have learned on since.
+        is_current = data["trained_episodes"] == episodes
+        return data if is_current and data.get("as_trained") else None
 
     def append(self, episode: Episode) -> None:
         """Append an episode to the metrics; they are written anew where it has a measure that none
         before it had. Raises WriteError, for instance while Excel has them open on Windows."""
         with writing(self.metrics_path), self.metrics_path.open("r+b") as file:
-            columns = next(csv.reader([file.readline().decode()]))
-            if is_known := episode.measures.keys() <= {*columns}:
-                file.seek(0, 2)
+            header = file.readline().decode()
+            columns = next(csv.reader([header]))
+            are_known = episode.measures.keys() <= set(columns)
+            if are_known:
+                file.seek(0, io.SEEK_END)
                 file.write(_csv(columns, [episode]))
-        if not is_known:
+        # Such as the losses, which the random episodes before did not have.
+        if not are_known:
             self.write_episodes([*self.read_episodes(), episode])
 
     def draw_curve(self, config: TrainConfig, episodes: Sequence[Episode]) -> None:
         """Draw the learning curve."""
+        # It loads Matplotlib, which only a run that ends needs.
         from bricksrl.training.curve import draw_learning_curve
 
-        title = (
-            f"{without_folder(config.env)} · {without_folder(config.agent)} · seed {config.seed}"
-        )
-        draw_learning_curve(
-            self.curve_path, episodes, title, reference_lines(config.env, config.options)
-        )
+        env = without_folder(config.env)
+        agent = without_folder(config.agent)
+        title = f"{env} · {agent} · seed {config.seed}"
+        lines = reference_lines(config.env, config.options)
+        draw_learning_curve(self.curve_path, episodes, title, lines)
 
     def read_episodes(self) -> tuple[Episode, ...]:
         """Read the metrics, without a last row that a crash has cut. Raises RunError if they are
@@ -172,17 +172,28 @@ class RunFolder:
         with reading(
             "the metrics", self.metrics_path, RunError, "restore the file or start a new run"
         ):
-            whole_lines, _, _ = self.metrics_path.read_text(encoding="utf-8").rpartition("\n")
-            return tuple(map(_episode, csv.DictReader(whole_lines.splitlines())))
+            text = self.metrics_path.read_text(encoding="utf-8")
+            # What follows the last end of a line is a row that was cut.
+            whole_lines, _, _ = text.rpartition("\n")
+            rows = csv.DictReader(whole_lines.splitlines())
+            return tuple(map(_episode, rows))
 
     def write_episodes(self, episodes: Sequence[Episode]) -> None:
         """Replace the metrics, which after a crash may be ahead of the checkpoint."""
-        columns = [
-            *MEASURED,
-            *dict.fromkeys(name for episode in episodes for name in episode.measures),
-            *MEASURED_TOO,
-        ]
+        # Each name once, in the order in which they came up.
+        measures: dict[str, None] = {}
+        for episode in episodes:
+            measures.update(dict.fromkeys(episode.measures))
+        columns = [*MEASURED, *measures, *MEASURED_TOO]
         write_durably(self.metrics_path, _csv(columns, episodes, header=True))
+
+
+def _default_paths(config: TrainConfig) -> Iterator[Path]:
+    """The folder of a run that names none, then the same with -2, -3, ..."""
+    name = f"{file_name(config.env)}-{file_name(config.agent)}-seed-{config.seed}"
+    yield Path("runs") / name
+    for number in itertools.count(2):
+        yield Path("runs") / f"{name}-{number}"
 
 
 def file_name(env_id: str) -> str:
@@ -192,6 +203,7 @@ def file_name(env_id: str) -> str:
 
 def _csv(columns: list[str], episodes: Iterable[Episode], *, header: bool = False) -> bytes:
     text = io.StringIO()
+    # A table that has a column less leaves that measure out; lines end alike on each system.
     writer = csv.DictWriter(text, columns, extrasaction="ignore", lineterminator="\n")
     if header:
         writer.writeheader()
@@ -200,18 +212,30 @@ def _csv(columns: list[str], episodes: Iterable[Episode], *, header: bool = Fals
 
 
 def _row(episode: Episode) -> dict[str, Any]:
-    success = None if episode.success is None else int(episode.success)
-    ratio = None if episode.updates_per_step is None else f"{episode.updates_per_step:.4g}"
-    texts = {
-        "seconds": f"{episode.seconds:.3f}",
-        "updates_per_step": ratio,
-        "link_lost": int(episode.link_lost),
-    }
-    own = {name: getattr(episode, name) for name in (*MEASURED, *MEASURED_TOO) if name != "return"}
-    return {**episode.measures, **own, **texts, "return": episode.return_, "success": success}
+    """An episode as a row of the metrics; ``None`` is an empty cell."""
+    row: dict[str, Any] = dict(episode.measures)
+    for name in (*MEASURED, *MEASURED_TOO):
+        # "return" is a word of Python, and no name of a field.
+        if name != "return":
+            row[name] = getattr(episode, name)
+    row["return"] = episode.return_
+    # Truth values as numbers, which spreadsheets can sum.
+    row["success"] = None if episode.success is None else int(episode.success)
+    row["link_lost"] = int(episode.link_lost)
+    row["seconds"] = f"{episode.seconds:.3f}"
+    if episode.updates_per_step is not None:
+        row["updates_per_step"] = f"{episode.updates_per_step:.4g}"
+    return row
 
 
 def _episode(row: dict[str, str]) -> Episode:
+    """Inverse of `_row`, but for what that rounds."""
+    # A measure that an episode does not have is an empty cell.
+    measures = {
+        name: float(value)
+        for name, value in row.items()
+        if value and name not in (*MEASURED, *MEASURED_TOO)
+    }
     return Episode(
         episode=int(row["episode"]),
         phase=Phase(row["phase"]),
@@ -219,11 +243,7 @@ def _episode(row: dict[str, str]) -> Episode:
         length=int(row["length"]),
         return_=float(row["return"]),
         success=bool(int(row["success"])) if row["success"] else None,
-        measures={
-            name: float(value)
-            for name, value in row.items()
-            if value and name not in (*MEASURED, *MEASURED_TOO)
-        },
+        measures=measures,
         seconds=float(row["seconds"]),
         updates_per_step=float(row["updates_per_step"]) if row["updates_per_step"] else None,
         link_lost=row["link_lost"] == "1",

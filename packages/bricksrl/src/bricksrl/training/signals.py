@@ -8,6 +8,7 @@ from contextlib import AbstractContextManager, ExitStack, contextmanager
 from typing import Self
 
 _POLL_S = 0.2
+"""Longest wait in one piece, which Ctrl-C does not break off on Windows."""
 
 
 class InterruptedEpisodeError(Exception):
@@ -22,7 +23,8 @@ class StopSignals(ExitStack):
     def __init__(self, stop: threading.Event) -> None:
         super().__init__()
         self._stop = stop
-        self._at_once = self._held_back = False
+        self._at_once = False
+        self._held_back = False
 
     @property
     def requested(self) -> bool:
@@ -30,10 +32,10 @@ class StopSignals(ExitStack):
         return self._stop.is_set()
 
     def __enter__(self) -> Self:
+        # Python refuses handlers of other threads; the page's runs are stopped by their event.
         if threading.current_thread() is threading.main_thread():
-            self.callback(
-                signal.signal, signal.SIGINT, signal.signal(signal.SIGINT, self._on_interrupt)
-            )
+            before = signal.signal(signal.SIGINT, self._on_interrupt)
+            self.callback(signal.signal, signal.SIGINT, before)
         return super().__enter__()
 
     def at_once(self) -> AbstractContextManager[None]:
@@ -59,13 +61,18 @@ class StopSignals(ExitStack):
         """Wait, at most until the run is to end. Raises KeyboardInterrupt if the run is to end."""
         end_s = time.monotonic() + duration_s
         with self.at_once():
+            left_s = end_s - time.monotonic()
             # In pieces, as Windows tells of a Ctrl-C only when a wait is over.
-            while (left_s := end_s - time.monotonic()) > 0.0:
+            while left_s > 0.0:
+                # Set by another thread, which raises nothing here.
                 if self._stop.wait(min(left_s, _POLL_S)):
                     raise KeyboardInterrupt
+                left_s = end_s - time.monotonic()
 
     def _on_interrupt(self, *_: object) -> None:
-        again = self._stop.is_set()
+        # Who asks again does not want to wait for a safe place.
+        is_second = self._stop.is_set()
         self._stop.set()
-        if (again or self._at_once) and not self._held_back:
+        is_wanted_now = is_second or self._at_once
+        if is_wanted_now and not self._held_back:
             raise KeyboardInterrupt

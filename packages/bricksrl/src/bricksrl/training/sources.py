@@ -61,12 +61,12 @@ class Playing:
 @dataclass(frozen=True)
 class Moved:
     """A step of a robot, as ``EnvBase.step`` returns it, or a batch ``[copies, time]``; its outcome
-    is void if the link broke. ``own``: the last one that the environment itself made in it, without
-    transforms."""
+    is void if the link broke. ``own_frame``: the last one that the environment itself made in it,
+    without transforms."""
 
     playing: Playing
     frame: TensorDictBase
-    own: TensorDictBase
+    own_frame: TensorDictBase
     is_lost: bool = False
     is_last: bool = False
     """Whether `Ended` follows at once."""
@@ -116,9 +116,12 @@ class Source(ABC):
 
     def events(self) -> Iterator[Moved | Ended | None]:
         """What happens, episode by episode; ``None`` from time to time if nothing does."""
-        while begun := self._begun or self._begin():
+        # The first episode may have begun in `start`.
+        begun = self._begun or self._begin()
+        while begun is not None:
             self._begun = None
             yield from self.play(*begun)
+            begun = self._begin()
 
     def _begin(self) -> tuple[Playing, TensorDictBase] | None:
         """The next episode, which depends on config, number and actions only, and the output of its
@@ -128,14 +131,17 @@ class Source(ABC):
             return None
         reconnect = reconnect_of(self.env)
         if reconnect is not None:
+            # Set for each episode, as an evaluation before it leaves an `on_error` of its own.
             reconnect.patience_s = self.patience_s
             reconnect.wait = self.signals.wait
             reconnect.on_error = lambda error: self.callback.on_link_lost(
                 playing.number, playing.length, error
             )
-        with self.signals.at_once():  # a reset may wait for a hub or a person, and loses nothing
+        # A reset may wait for a hub or a person; to break it off loses nothing.
+        with self.signals.at_once():
             seed_episode(self.env, playing.seed)
             state = self.env.reset()
+        # The time of a reset is not the agent's; that of updates from data, made before it, is.
         if playing.phase is not Phase.OFFLINE:
             playing.started_s = time.perf_counter()
         return playing, state
@@ -154,55 +160,61 @@ class OneRobot(Source):
         if self.is_recorded:
             playing.about = about(self.env, playing.policy, seed=playing.seed, hub=self.hub)
         rollout = Rollout()
-        random = RandomPolicy(self.env.action_spec)
         actor = self.learner.actor
-        policy = {Phase.PREFILL: random, Phase.TRAIN: actor.explore, Phase.OFFLINE: actor.exploit}[
-            phase
-        ]
+        policies = {
+            Phase.PREFILL: RandomPolicy(self.env.action_spec),
+            Phase.TRAIN: actor.explore,
+            Phase.OFFLINE: actor.exploit,
+        }
+        frames = play(
+            self.env,
+            policies[phase],
+            start,
+            driver=self.driver,
+            reset_policy=actor.reset_policy,
+        )
         is_cut = False
-        for frame in play(
-            self.env, policy, start, driver=self.driver, reset_policy=actor.reset_policy
-        ):
-            own = rollout.add(frame, self.env)
+        for frame in frames:
+            # Several where a transform repeats an action; none if the link broke in the first.
+            own_frames = rollout.add(frame, self.env)
             playing.length = len(rollout.rewards)
-            by_hand = bool(frame.get("intervention", False))
-            if by_hand and actor.on_policy:
+            is_by_hand = bool(frame.get("intervention", False))
+            if is_by_hand and actor.on_policy:
                 raise RunError(
                     "this agent learns from its own actions only; let it drive, or take an "
                     "off-policy one such as sac"
                 )
             if self.is_recorded:
-                playing.steps += [step_of(step, self.env) for step in own]
-            is_cut = interface_of(self.env).is_cut  # now, as an evaluation may follow
-            yield Moved(
-                playing,
-                frame,
-                own[-1] if own else frame,
-                rollout.is_lost,
-                bool(frame["next", "done"]),
-            )
+                playing.steps += [step_of(own_frame, self.env) for own_frame in own_frames]
+            # Read in time: an evaluation may follow the last step, and has pauses of its own.
+            is_cut = interface_of(self.env).is_cut
+            own_frame = own_frames[-1] if own_frames else frame
+            is_last = bool(frame["next", "done"])
+            yield Moved(playing, frame, own_frame, rollout.is_lost, is_last)
+
+        # A measurement has to be complete. It is not repeated, as its updates are made once.
         if rollout.is_lost and phase is Phase.OFFLINE:
-            # a measurement has to be complete, and its updates are made once
             raise interface_of(self.env).link_error
         success, measures = rollout.judged(self.env)
-        length = playing.length
-        return_ = rollout.return_
+        # The run adds its total steps; alone, an episode has as many as it is long.
         episode = Episode(
             playing.number,
             phase,
-            length,
-            length,
-            return_,
-            success,
-            measures,
+            steps=playing.length,
+            length=playing.length,
+            return_=rollout.return_,
+            success=success,
+            measures=measures,
             link_lost=rollout.is_lost,
         )
-        yield Ended(self.playing.pop(0), episode if length else None, is_cut)
+        yield Ended(self.playing.pop(0), episode if playing.length else None, is_cut)
 
 
 def reconnect_of(env: EnvBase) -> Reconnect | None:
     """Reconnection of a single robot; attributes of copies in processes cannot be set from here."""
-    return None if env.batch_size else interface_of(env).reconnect
+    if env.batch_size:
+        return None
+    return interface_of(env).reconnect
 
 
 class Copies(Source):
@@ -210,30 +222,40 @@ class Copies(Source):
     one has at most."""
 
     def play(self, playing: Playing, start: TensorDictBase) -> Iterator[Moved | Ended]:
-        ended, lengths, returns, steps = (torch.zeros((), device=self.env.device) for _ in range(4))
-        policy = (
-            RandomPolicy(self.env.action_spec)
-            if playing.phase is Phase.PREFILL
-            else self.learner.actor.acting
-        )
-        for frames in collect_round(
-            self.env, policy, longest_of(self.env), self.learner.actor.frames_per_batch
-        ):
+        # Sums over all copies, on their device: to read one at each batch would wait for it.
+        device = self.env.device
+        episodes_ended = torch.zeros((), device=device)
+        lengths = torch.zeros((), device=device)
+        returns = torch.zeros((), device=device)
+        steps = torch.zeros((), device=device)
+        actor = self.learner.actor
+        is_random = playing.phase is Phase.PREFILL
+        policy = RandomPolicy(self.env.action_spec) if is_random else actor.acting
+        batches = collect_round(self.env, policy, longest_of(self.env), actor.frames_per_batch)
+        for frames in batches:  # [copies, time]
             playing.length += frames.shape[-1]
             yield Moved(playing, frames, frames)
             after = frames["next"]
-            done = after["done"] & ~after.get("link_lost", torch.zeros_like(after["done"]))
-            ended += done.sum()
+            # An episode that a lost link cut short says nothing of the agent.
+            no_losses = torch.zeros_like(after["done"])
+            lost = after.get("link_lost", no_losses)
+            done = after["done"] & ~lost  # [copies, time, 1]
+            episodes_ended += done.sum()
             returns += (after["episode_reward"] * done).sum()
             lengths += (after["step_count"] * done).sum()
-            # of the robots: a frame may be several
+            # Steps of the robots: a frame may be several of them, where actions are repeated.
             steps += (after["step_count"] - frames["step_count"]).sum()
-        count = max(1.0, float(ended))
-        length = round(float(lengths) / count)
-        return_ = float(returns) / count
-        yield Ended(
-            playing, Episode(playing.number, playing.phase, int(steps), length, return_, None)
+        # No episode may have ended in the round, such as where all links broke.
+        count = max(1.0, float(episodes_ended))
+        episode = Episode(
+            playing.number,
+            playing.phase,
+            steps=int(steps),
+            length=round(float(lengths) / count),
+            return_=float(returns) / count,
+            success=None,
         )
+        yield Ended(playing, episode)
 
 
 def collect_round(
@@ -241,21 +263,24 @@ def collect_round(
 ) -> Iterator[TensorDictBase]:
     """Frames ``[copies, steps_per_batch]``, at least ``steps`` per copy from a reset on; ended
     copies restart. ``policy``: a TensorDict module on the environment's device; it explores."""
-    # raised by TorchRL's own import
+    # TorchRL's own import raises them.
     with warnings.catch_warnings(action="ignore", category=DeprecationWarning):
         from torchrl.collectors import Collector
 
     copies = env.batch_size.numel()
     batches = math.ceil(steps / steps_per_batch)
+    frames_per_batch = steps_per_batch * copies
+    # One collector a round: it begins with a reset of all, so that a run resumes exactly.
     collector = Collector(
         env,
         policy,
-        frames_per_batch=steps_per_batch * copies,
-        total_frames=batches * steps_per_batch * copies,
+        frames_per_batch=frames_per_batch,
+        total_frames=batches * frames_per_batch,
         exploration_type=ExplorationType.RANDOM,
         auto_register_policy_transforms=False,
     )
     try:
         yield from collector
     finally:
+        # By itself a collector closes its environment, which the next round needs.
         collector.shutdown(close_env=False)

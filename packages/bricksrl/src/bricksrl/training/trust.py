@@ -11,6 +11,7 @@ import contextlib
 import hashlib
 import json
 import os
+import stat
 import sys
 import tempfile
 from collections.abc import Sequence
@@ -22,7 +23,7 @@ from bricksrl.errors import RunError, UntrustedError
 from bricksrl.training.config import code_in, code_in_settings
 from bricksrl.training.existing_run import CONFIG, POLICY
 
-_CONFIGS = CONFIG, POLICY
+_CONFIGS = (CONFIG, POLICY)
 
 
 def remember(data: bytes) -> None:
@@ -40,18 +41,21 @@ def require_trusted(path: Path, data: bytes, code: Sequence[str]) -> None:
         path: the file; ``data`` are its bytes.
         code: the texts in it that may name code.
     """
-    if code and not is_trusted(data):
-        trusted = path.parent if path.name in _CONFIGS else path
-        raise UntrustedError(
-            f"{path} would run code ({', '.join(map(_shown, code))}) and was made elsewhere or "
-            "changed; "
-            f"read that code, then allow it with `bricksrl trust {quoted(trusted)}`"
-        )
+    if not code or is_trusted(data):
+        return
+    # As the command takes it: a run or a policy is its folder.
+    argument = path.parent if path.name in _CONFIGS else path
+    names = ", ".join(map(_shown, code))
+    raise UntrustedError(
+        f"{path} would run code ({names}) and was made elsewhere or changed; "
+        f"read that code, then allow it with `bricksrl trust {quoted(argument)}`"
+    )
 
 
 def is_trusted(data: bytes) -> bool:
     """Whether a file of this content was written here, or declared trusted."""
-    return any((folder / _digest(data)).exists() for folder in _folders())
+    digest = _digest(data)
+    return any((folder / digest).exists() for folder in _folders())
 
 
 def trust(path: Path) -> tuple[str, ...]:
@@ -62,22 +66,18 @@ def trust(path: Path) -> tuple[str, ...]:
     Args:
         path: folder of the run or the policy, or the file.
     """
-    file = (
-        path
-        if path.is_file()
-        else next((path / name for name in _CONFIGS if (path / name).is_file()), None)
-    )
+    file = _file_of(path)
     if file is None:
         raise RunError(f"there is no run in {path}; choose {folder_with(path, *_CONFIGS)}")
     with reading("the config", file, RunError, "restore the file"):
         data = file.read_bytes()
         content = dict(json.loads(data))
-        is_config = file.name in _CONFIGS
-        code = (
-            code_in(content.get("config"))
-            if is_config
-            else code_in_settings(dict(content.get("settings", content)))
-        )
+        if file.name in _CONFIGS:
+            code = code_in(content.get("config"))
+        else:
+            # Those that `bricksrl tune` found stand beside how; else they are the whole file.
+            code = code_in_settings(dict(content.get("settings", content)))
+    # The bytes that were looked through, and not the file, which may change meanwhile.
     try:
         _keep(data)
     except OSError as error:
@@ -87,20 +87,37 @@ def trust(path: Path) -> tuple[str, ...]:
     return code
 
 
+def _file_of(path: Path) -> Path | None:
+    """The file that may name code: this one, or that in a folder, if there is one."""
+    if path.is_file():
+        return path
+    for name in _CONFIGS:
+        file = path / name
+        if file.is_file():
+            return file
+    return None
+
+
 def _shown(name: str) -> str:
     """A name in one line."""
-    return name if name.isprintable() and name == name.strip() else repr(name)
+    # A stranger's text may hide what it is behind spaces and ends of lines.
+    is_plain = name.isprintable() and name == name.strip()
+    return name if is_plain else repr(name)
 
 
 def _keep(data: bytes) -> None:
+    """Write the digest into the first folder that can be written to. Raises OSError if none can."""
+    digest = _digest(data)
     *others, last = _folders()
     for folder in others:
         with contextlib.suppress(OSError):
-            return _write(folder / _digest(data))
-    return _write(last / _digest(data))
+            _write(folder / digest)
+            return
+    _write(last / digest)
 
 
 def _write(path: Path) -> None:
+    # An empty file: its name says all.
     if not path.exists():
         write_durably(path, b"")
 
@@ -111,13 +128,21 @@ def _digest(data: bytes) -> str:
 
 def _folders() -> list[Path]:
     """Folders of digests that only this user can write to."""
-    folders = [calibration_folder().parent / "trusted"]
+    settings = calibration_folder().parent / "trusted"
     temporary = Path(tempfile.gettempdir()) / "bricksrl-trusted"
-    if sys.platform != "win32":  # where temporary files are the user's own
-        temporary = temporary.with_name(f"bricksrl-trusted-{os.getuid()}")
-        with contextlib.suppress(OSError):
-            temporary.mkdir(mode=0o700, exist_ok=True)
-        state = temporary.lstat() if temporary.is_dir() and not temporary.is_symlink() else None
-        if state is None or state.st_uid != os.getuid() or state.st_mode & 0o022:
-            return folders
-    return [*folders, temporary]
+    # On Windows temporary files are the user's own; elsewhere all users share their folder.
+    if sys.platform == "win32":
+        return [settings, temporary]
+    user = os.getuid()
+    private = temporary.with_name(f"bricksrl-trusted-{user}")
+    with contextlib.suppress(OSError):
+        private.mkdir(mode=0o700, exist_ok=True)
+    # Another user may have made a folder of this name before, or a link to one, to say what is
+    # trusted here.
+    if private.is_symlink() or not private.is_dir():
+        return [settings]
+    found = private.lstat()
+    others_write = stat.S_IWGRP | stat.S_IWOTH
+    if found.st_uid != user or found.st_mode & others_write:
+        return [settings]
+    return [settings, private]

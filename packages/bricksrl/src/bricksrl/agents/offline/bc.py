@@ -70,10 +70,11 @@ def recorded_memory(
     """A buffer of recorded frames ``[time]``. With ``chunk``, actions are the next ``chunk`` ones
     ``[chunk, m]``; the last action of an episode is repeated."""
     if chunk:
-        rows = ActionChunkTransform(chunk, chunk_key="chunk")(
-            frames.select("action", ("next", "done"))[None]
-        )
-        frames = frames.clone(recurse=False).set("action", rows["chunk"][0])
+        # the transform needs a batch beside time, and reads where episodes end
+        whole = frames.select("action", ("next", "done"))[None]
+        chunked = ActionChunkTransform(chunk, chunk_key="chunk")(whole)
+        # a shallow copy: the caller's frames keep their single actions
+        frames = frames.clone(recurse=False).set("action", chunked["chunk"][0])
     memory = TransitionReplayBuffer(max(2, len(frames)), batch_size, keys, device=device)
     memory.extend(frames)
     return memory

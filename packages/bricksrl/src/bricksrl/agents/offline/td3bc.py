@@ -52,9 +52,9 @@ def build(env: EnvBase, settings: TD3BCSettings, device: torch.device | str = "c
     actor, policy = deterministic_policy(
         encoder, body, action_spec(env), noise=settings.exploration_noise
     )
-    critic = critic_operator(
-        encoder, make_body(settings, encoder.size + m, 1, norm=settings.critic_norm)
-    )
+    # TorchRL makes the second critic from this one, with weights of its own
+    critic_body = make_body(settings, encoder.size + m, 1, norm=settings.critic_norm)
+    critic = critic_operator(encoder, critic_body)
     loss = TD3BCLoss(
         actor.to(device),
         critic.to(device),
@@ -63,6 +63,7 @@ def build(env: EnvBase, settings: TD3BCSettings, device: torch.device | str = "c
         noise_clip=settings.target_noise_clip,
         alpha=settings.value_weight,
         loss_function="l2",
+        # a loop over the critics, which is faster than TorchRL's vmap for so few
         deactivate_vmap=True,
     ).to(device)
     loss.make_value_estimator(gamma=settings.gamma)

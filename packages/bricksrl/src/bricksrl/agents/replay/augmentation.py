@@ -91,12 +91,15 @@ def behind_transforms(
     places = []
     signs = []
     for index, name in enumerate(layout.names):
+        # a transform may have made another vector, or numbers that are none of the task's
         if len(layout.keys) > 1 or name not in names:
             return None
         entry = names.index(name)
         nth = numbers[name].index(index)
-        images = numbers[names[mirror.places[entry]]]
+        image_name = names[mirror.places[entry]]
+        images = numbers[image_name]
         sign = mirror.signs[entry]
+        # a selection may have left the image out
         if nth >= len(images):
             return None
         # A number whose range is not known may be shifted, and the image of a shifted number is

@@ -29,8 +29,11 @@ from bricksrl.training.config import TrainConfig
 from bricksrl.training.learners import stand_in
 
 _END_TIMEOUT_S = 10.0
+"""Time that a process has to stop its robot and to end."""
 _RESTART_S = 2.0
+"""Pause before a process is started again; twice as long after each further death."""
 _LONGEST_RESTART_S = 60.0
+"""Longest of these pauses."""
 _MAX_DEATHS = 5
 """Ends of a robot's process in a row, without a complete episode, after which it is given up."""
 
@@ -72,14 +75,12 @@ Event = tuple[Member, str, Any]
 
 def members_of(config: TrainConfig) -> list[Member]:
     """The robots of a config."""
-    hubs = config.hubs
-    names = [
-        hub if hub != "virtual" else f"virtual-{number + 1}" for number, hub in enumerate(hubs)
-    ]
-    return [
-        Member(name, number, hub)
-        for number, (name, hub) in enumerate(zip(names, hubs, strict=True))
-    ]
+    members = []
+    for number, hub in enumerate(config.hubs):
+        # Real ones have an address each, virtual ones are alike.
+        name = f"virtual-{number + 1}" if hub == "virtual" else hub
+        members.append(Member(name, number, hub))
+    return members
 
 
 def make_fleet(config: TrainConfig, place: Placement | None = None) -> EnvBase:
@@ -91,10 +92,11 @@ def make_fleet(config: TrainConfig, place: Placement | None = None) -> EnvBase:
         raise RunError(
             f"{config.env} is a simulation without a robot; train copies of it with num_envs"
         )
+    # What is wrong with an address or a transform is said here, and not by each process.
     for hub in config.hubs:
         parse_hub(hub)
     env = stand_in(config)
-    layout_of(env)  # raises where a transform fails
+    layout_of(env)
     if runs_on(env):
         raise RunError(
             "the robots of a fleet would have different statistics; give --normalize, or omit "
@@ -118,19 +120,24 @@ class Fleet(SpecsEnv):
     """
 
     def __init__(self, config: TrainConfig, env: EnvBase, place: Placement | None = None) -> None:
-        super().__init__(
-            {name: getattr(base_of(env), name).clone() for name in SPECS}, interface_of(env).task
-        )
+        # Its own specs: the transforms of the run are put around the fleet again.
+        robot = base_of(env)
+        specs = {name: getattr(robot, name).clone() for name in SPECS}
+        super().__init__(specs, interface_of(env).task)
         self.config = config
         self.members = members_of(config)
         self.kept = dict[str, Any]()
         self.robots = len(self.members)
         self.events: SimpleQueue[Event] = SimpleQueue()
+        # Robots in simulated time lose nothing by waiting for the learner, and would run ahead.
         self.is_paced = config.hub == "virtual" and not config.realtime
         self._place = place
+        # One person places the robots, one after the other.
         self._placing = threading.Lock()
+        # The newest ones, for processes that start later.
         self._weights: dict[str, Tensor] | None = None
-        self._is_paused = self._is_over = False
+        self._is_paused = False
+        self._is_over = False
 
     # ---- control of all robots
 
@@ -182,7 +189,10 @@ class Fleet(SpecsEnv):
         start = member.starts
 
         def deliver(message: Message | None) -> None:
-            self.events.put((member, "gone", start) if message is None else (member, *message))
+            # With the number of the start, so that the end of a former process is told from that
+            # of its successor.
+            kind, content = ("gone", start) if message is None else message
+            self.events.put((member, kind, content))
 
         try:
             member.process = ChildProcess("bricksrl.training.fleet.worker", deliver)
@@ -190,6 +200,7 @@ class Fleet(SpecsEnv):
             raise LearnerError(
                 f"cannot start the process of {member.name} ({error.strerror}); use fewer robots"
             ) from None
+        # What the learner begins with is not the robot's matter: it gets weights.
         robot_config = replace(
             self.config,
             hub=member.hub,
@@ -201,6 +212,7 @@ class Fleet(SpecsEnv):
         )
         begin = {
             "config": robot_config.to_dict(),
+            # After a death other draws: the same ones may lead to it again.
             "seed": derive_seed(self.config.seed, f"robot {member.name}", member.deaths),
             "transforms": self.kept,
             "is_recorded": self.config.record,
@@ -213,8 +225,10 @@ class Fleet(SpecsEnv):
         """Send the weights to a new process, and include it in `send_weights`; it knows of no stop
         or pause before."""
         member.is_ready = True
-        if self._is_over or self._is_paused:
-            self.tell(member, "stop" if self._is_over else "pause")
+        if self._is_over:
+            self.tell(member, "stop")
+        elif self._is_paused:
+            self.tell(member, "pause")
         if self._weights is not None:
             self.tell(member, "weights", self._weights)
 
@@ -223,38 +237,40 @@ class Fleet(SpecsEnv):
         for those of robots that it gives up."""
         now_s = time.monotonic()
         for member in self.members:
-            if (
-                member.restart_at_s is not None
-                and now_s >= member.restart_at_s
-                and not self._is_over
-            ):
+            is_due = member.restart_at_s is not None and now_s >= member.restart_at_s
+            if is_due and not self._is_over:
                 self._start(member)
         try:
             member, kind, content = self.events.get(timeout=timeout_s)
         except Empty:
             return None
         if kind == "gone":
+            # The end of a former process, which has a successor.
             if content != member.starts:
                 return None
-            code = self._reap(member)
-            member.is_ready = False
-            member.deaths += 1
-            if member.deaths >= _MAX_DEATHS:
-                times = f"{member.deaths} times in a row without a complete episode"
-                return (
-                    member,
-                    "given up",
-                    f"its process ended {times}, the last time with code {code}",
-                )
-            member.restart_at_s = now_s + min(
-                _RESTART_S * 2.0 ** (member.deaths - 1), _LONGEST_RESTART_S
-            )
-            return member, "gone", f"its process ended with code {code}"
+            return self._bury(member, now_s)
         if kind == "place":
-            threading.Thread(
+            # In a thread, as the other robots go on while a person is at work, and a daemon, as
+            # nobody may ever answer.
+            placer = threading.Thread(
                 target=self._place_robot, args=(member,), name="placer", daemon=True
-            ).start()
+            )
+            placer.start()
         return member, kind, content
+
+    def _bury(self, member: Member, now_s: float) -> Event:
+        """The event that a robot's process ended, which is started again, or given up."""
+        code = self._reap(member)
+        member.is_ready = False
+        member.deaths += 1
+        # One that dies again and again is not helped by a restart.
+        if member.deaths >= _MAX_DEATHS:
+            times = f"{member.deaths} times in a row without a complete episode"
+            reason = f"its process ended {times}, the last time with code {code}"
+            return member, "given up", reason
+        pause_s = _RESTART_S * 2.0 ** (member.deaths - 1)
+        member.restart_at_s = now_s + min(pause_s, _LONGEST_RESTART_S)
+        return member, "gone", f"its process ended with code {code}"
 
     def _place_robot(self, member: Member) -> None:
         """Have a robot placed, one after the other, by one person."""
@@ -277,18 +293,23 @@ class Fleet(SpecsEnv):
 
     def tell(self, member: Member, kind: str, content: Any = None) -> None:
         """Send a message to a robot's process, if it is there."""
-        if member.process is not None:
-            with contextlib.suppress(OSError, ValueError):  # its reader reports the end
-                member.process.send(kind, content)
+        if member.process is None:
+            return
+        # A closed pipe needs no care here: its reader reports the end.
+        with contextlib.suppress(OSError, ValueError):
+            member.process.send(kind, content)
 
     def _reap(self, member: Member) -> int | None:
         process = member.process
         member.process = None
-        return None if process is None else process.end(_END_TIMEOUT_S)
+        if process is None:
+            return None
+        return process.end(_END_TIMEOUT_S)
 
     def close(self, *, raise_if_closed: bool = True) -> None:
         """End all processes; each stops its robot first."""
         self._is_over = True
+        # All at once, so that no robot moves on while another one's process ends.
         self._send_all("end")
         for member in self.members:
             self._reap(member)

@@ -14,6 +14,7 @@ from bricksrl.training.fleet.fleet_robots import Event, Fleet, Member
 from bricksrl.training.sources import Ended, Moved, Source
 
 _POLL_S = 0.1
+"""Time of waiting for a robot's report, between looks at restarts, reach and a stop."""
 
 
 @dataclass
@@ -30,18 +31,27 @@ class FleetRobots(Source):
         robot can be reached."""
         self._start()
         with self.signals.at_once():
-            while not any(member.state is RobotState.ACTING for member in self.env.members):
-                self._handle(self.env.next_event(_POLL_S))
+            while not self._is_any_acting():
+                event = self.env.next_event(_POLL_S)
+                # Nothing that a run has to know of happens before the first step.
+                self._handle(event)
                 self._check_reach()
+                # Another thread may stop the run, and raises nothing here.
                 if self.signals.requested:
                     raise KeyboardInterrupt
 
+    def _is_any_acting(self) -> bool:
+        return any(member.state is RobotState.ACTING for member in self.env.members)
+
     def _start(self) -> None:
+        # A new run starts its robots before its folder is created, a resumed one with its events.
         if self._is_started:
             return
         self._is_started = True
-        self.learner.end_episodes()  # those that ran when the fleet was stopped do not go on
+        # Episodes that ran when the fleet was stopped do not go on.
+        self.learner.end_episodes()
         robots = base_of(self.env)
+        # Before the processes, which get them with their first message.
         robots.kept = transform_state(self.env)
         robots.start()
         self._send_weights()
@@ -51,19 +61,24 @@ class FleetRobots(Source):
         out of reach for too long, RunError if a robot failed for good, or all were given up."""
         self._start()
         while True:
-            event = self._handle(self.env.next_event(_POLL_S))
+            report = self.env.next_event(_POLL_S)
+            event = self._handle(report)
+            # Here the run learns, and counts an episode that has ended.
             yield event
             if isinstance(event, Moved):
+                # First the weights, so that a robot that waits makes its next step with them.
                 self._send_weights()
                 if self.env.is_paced:
-                    self.env.tell(self.env.members[event.playing.robot], "go")
+                    member = self.env.members[event.playing.robot]
+                    self.env.tell(member, "go")
             elif isinstance(event, Ended):
                 self._unsaved = 0
             else:
                 self._check_reach()
 
     def play(self, playing: Any, start: Any) -> Iterator[Moved | Ended]:
-        raise NotImplementedError  # in the robots' processes
+        # The robots' processes play.
+        raise NotImplementedError
 
     def _send_weights(self) -> None:
         weights = self.learner.new_weights()
@@ -73,15 +88,19 @@ class FleetRobots(Source):
     def _check_reach(self) -> None:
         """Raise `RunError` if all robots were given up, `HubError` if all have been out of reach
         for too long."""
-        last = max(self.env.members, key=lambda member: member.since_s)
-        if all(member.state is RobotState.GIVEN_UP for member in self.env.members):
+        members = self.env.members
+        # The last one to leave: since then there has been none.
+        last = max(members, key=lambda member: member.since_s)
+        # Waiting would not help, as they are not retried.
+        if all(member.state is RobotState.GIVEN_UP for member in members):
             reason = (
                 f"no robot of the fleet is left; the last one, {last.name}, was given up: "
                 f"{last.reason}"
             )
             raise RunError(f"{reason}; correct it and resume the run")
-        is_out = all(member.is_out for member in self.env.members)
-        if is_out and time.monotonic() - last.since_s >= self.patience_s:
+        are_all_out = all(member.is_out for member in members)
+        out_s = time.monotonic() - last.since_s
+        if are_all_out and out_s >= self.patience_s:
             raise HubError(
                 f"no robot of the fleet can be reached; the last error, of {last.name}: "
                 f"{last.reason}"
@@ -99,23 +118,26 @@ class FleetRobots(Source):
             case "place":
                 self._set_state(member, RobotState.PLACED)
             case "unplaced":
-                raise (
-                    content
-                    if isinstance(content, Exception)
-                    else RunError("the robots cannot be placed; start again")
-                )
+                # What ends a thread, such as Ctrl-C at a prompt, is nothing to raise in this one.
+                if isinstance(content, Exception):
+                    raise content
+                raise RunError("the robots cannot be placed; start again")
             case "begun":
                 self._set_state(member, RobotState.ACTING)
                 playing = self.playing[member.number]
+                # A process knows its hub, and not its name in the fleet.
                 playing.about = replace(content, robot=member.name)
                 playing.started_s = time.perf_counter()
             case "frame":
                 return self._frame(member, *content)
             case "out":
                 self._set_state(member, RobotState.LEFT, content)
-                left = self.playing.get(member.number)
-                number, length = (0, 0) if left is None else (left.number, left.length)
-                self.callback.on_link_lost(number, length, HubError(f"{member.name}: {content}"))
+                lost = self.playing.get(member.number)
+                # It may break before the robot has an episode.
+                number = 0 if lost is None else lost.number
+                length = 0 if lost is None else lost.length
+                error = HubError(f"{member.name}: {content}")
+                self.callback.on_link_lost(number, length, error)
                 self._reassign()
             case "failed":
                 error_type, message = content
@@ -125,10 +147,11 @@ class FleetRobots(Source):
             case "ended":
                 return self._ended(member, *content)
             case "gone" | "given up":
-                self._set_state(
-                    member, RobotState.LEFT if kind == "gone" else RobotState.GIVEN_UP, content
-                )
-                ended = self._ended(member, None, {}, True, False)
+                is_retried = kind == "gone"
+                state = RobotState.LEFT if is_retried else RobotState.GIVEN_UP
+                self._set_state(member, state, content)
+                ended = self._ended(member, success=None, measures={}, is_lost=True, is_cut=False)
+                # Others may wait for it, as all begin together.
                 self._assign_idle()
                 return ended
         return None
@@ -147,17 +170,17 @@ class FleetRobots(Source):
         """Assign first episodes once all processes have started or failed, so that all begin
         together."""
         members = self.env.members
-        if all(member.is_ready or member.is_out for member in members):
-            for member in members:
-                if (
-                    member.is_ready
-                    and member.number not in self.playing
-                    and member.state is not RobotState.DONE
-                ):
-                    self._assign(member)
+        have_all_answered = all(member.is_ready or member.is_out for member in members)
+        if not have_all_answered:
+            return
+        for member in members:
+            is_idle = member.is_ready and member.number not in self.playing
+            if is_idle and member.state is not RobotState.DONE:
+                self._assign(member)
 
     def _assign(self, member: Member) -> None:
         """Assign the next episode, unless all remaining ones are being played."""
+        # The episode of a robot that is out may never be completed: another one may take its place.
         working = sum(
             1 for other in self.env.members if other.number in self.playing and not other.is_out
         )
@@ -165,16 +188,17 @@ class FleetRobots(Source):
         if playing is None:
             self._set_state(member, RobotState.DONE)
             return
+        # It was done, and takes over for another one.
         if member.state is RobotState.DONE:
             self._set_state(member, RobotState.STARTING)
         playing.robot = member.number
         self.playing[member.number] = playing
-        is_random = playing.phase is Phase.PREFILL
-        self.env.tell(
-            member,
-            "episode",
-            {"seed": playing.seed, "is_random": is_random, "policy": playing.policy},
-        )
+        order = {
+            "seed": playing.seed,
+            "is_random": playing.phase is Phase.PREFILL,
+            "policy": playing.policy,
+        }
+        self.env.tell(member, "episode", order)
 
     def _reassign(self) -> None:
         """Let idle robots take over the episodes of one that left."""
@@ -183,16 +207,19 @@ class FleetRobots(Source):
                 self._assign(other)
 
     def _frame(
-        self, member: Member, rows: list[dict[str, Any]], steps: list[Any], rewards: list[float]
+        self, member: Member, columns: list[dict[str, Any]], steps: list[Any], rewards: list[float]
     ) -> Moved:
+        """A step of a robot: its frame behind the transforms, and the last one of the environment
+        itself where it is another; the rows for the dataset, and the rewards."""
         playing = self.playing[member.number]
-        frames = [TensorDict(part).unflatten_keys(".") for part in rows]
+        frames = [TensorDict(flat).unflatten_keys(".") for flat in columns]
         is_lost = bool(frames[0]["next"].get("link_lost", False))
         playing.length += len(rewards)
+        # One by one, in the order of the steps: sums of floats depend on it.
         for reward in rewards:
             playing.return_ += reward
         playing.steps += steps
-        return Moved(playing, frames[0], frames[-1], is_lost)
+        return Moved(playing, frames[0], own_frame=frames[-1], is_lost=is_lost)
 
     def _ended(
         self,
@@ -204,8 +231,10 @@ class FleetRobots(Source):
     ) -> Ended | None:
         """End a robot's episode, and assign the next one: a robot need not wait for the disk."""
         playing = self.playing.pop(member.number, None)
+        # The run counts it only after this: the next episode must not be one too many.
         self._unsaved = int(playing is not None and playing.length > 0)
-        if member.process is not None:
+        has_process = member.process is not None
+        if has_process:
             self._assign(member)
         else:
             self._reassign()
@@ -213,8 +242,18 @@ class FleetRobots(Source):
             return None
         if not playing.length:
             return Ended(playing, None)
-        if member.process is not None:  # else the episode is not complete
+        # Without a process the episode was cut short by its death, which counts.
+        if has_process:
             member.deaths = 0
-        done = (playing.number, playing.phase, playing.length, playing.length, playing.return_)
-        episode = Episode(*done, success, measures, link_lost=is_lost, robot=member.name)
+        episode = Episode(
+            playing.number,
+            playing.phase,
+            steps=playing.length,
+            length=playing.length,
+            return_=playing.return_,
+            success=success,
+            measures=measures,
+            link_lost=is_lost,
+            robot=member.name,
+        )
         return Ended(playing, episode, is_cut)

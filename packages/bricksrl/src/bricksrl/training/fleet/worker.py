@@ -32,7 +32,8 @@ from bricksrl.training.learners import make_learner_for, stand_in
 
 
 class _FleetEnded(BaseException):
-    """The fleet ended or disconnected."""
+    """The fleet ended or disconnected; no Exception, so that nothing on its way takes it for a
+    failure of the robot."""
 
 
 class Worker:
@@ -44,14 +45,18 @@ class Worker:
     def __init__(self) -> None:
         self._inbox: SimpleQueue[Message] = SimpleQueue()
         self._ended = threading.Event()
+        # Only the newest: a robot that was slow does not act with older ones in turn.
         self._weights: deque[dict[str, Any]] = deque(maxlen=1)
+        # Until the robot is made; a stop that comes earlier is sent again by the fleet.
         self._env = BricksEnv()
+        # Monotonic time until which the link is held cut, to try out what follows.
         self._cut_until_s = 0.0
 
     def receive(self, message: Message | None) -> None:
         """Handle a message, in the receiving thread; ``None`` means that the fleet is gone."""
         content: Any
         kind, content = message or END
+        # What must not wait for the end of an episode is handled here, the rest in order by `run`.
         match kind:
             case "weights":
                 self._weights.append(content)
@@ -64,6 +69,7 @@ class Worker:
             case "resume":
                 self._env.resume()
             case "end":
+                # Twice: `run` may wait for a message, or for a robot that is out of reach.
                 self._ended.set()
                 self._inbox.put((kind, content))
             case _:
@@ -82,28 +88,30 @@ class Worker:
             finally:
                 env.close(raise_if_closed=False)
         except (_FleetEnded, BrokenPipeError, StoppedError):
+            # The end of the run, of its process, or of the robot by its user: nothing has failed.
             pass
         except Exception as error:  # noqa: BLE001  raised in the run's process
-            with contextlib.suppress(BrokenPipeError):  # the fleet is gone meanwhile
-                self.send(
-                    "failed", (type(error).__name__, message_of(error, 500) + line_of_user(error))
-                )
+            # - whose traceback would not show where the user's code failed, so its line goes along
+            reason = message_of(error, 500) + line_of_user(error)
+            # The fleet may be gone meanwhile.
+            with contextlib.suppress(BrokenPipeError):
+                self.send("failed", (type(error).__name__, reason))
 
     def _prepare(self, begin: dict[str, Any]) -> tuple[EnvBase, Learner]:
+        # Each robot has a process: together they would want more cores than there are.
         torch.set_num_threads(1)
         config = TrainConfig.from_dict(begin["config"])
         torch.manual_seed(begin["seed"])
-        robot: Any = make(
-            config.env,
-            config.as_it_is(),
-            seed=config.seed,
-            place=self._place if begin["is_placed"] else None,
-        )
-        # what is drawn, no real robot is moved for
+        place = self._place if begin["is_placed"] else None
+        robot: Any = make(config.env, config.as_it_is(), seed=config.seed, place=place)
+        # Transforms that measure when they are made do so on a stand-in: no real robot is moved
+        # for it.
         env = over(stand_in(config), robot) if config.is_transformed else robot
         load_transform_state(env, begin["transforms"])
         actor = make_learner_for(config, env, device="cpu")
+        # The receiving thread puts new ones there, and the next action takes them.
         actor.weights = self._weights
+        # The fleet decides when to give up, as it knows of the other robots.
         robot.reconnect.patience_s = float("inf")
         robot.reconnect.wait = self._wait
         robot.reconnect.on_error = lambda error: self.send("out", str(error))
@@ -116,25 +124,31 @@ class Worker:
     ) -> None:
         """One episode; ends early if the link breaks."""
         rollout = Rollout()
-        is_random = order["is_random"]
         env.set_seed(order["seed"])
         state = env.reset()
         description = about(env, order["policy"], seed=order["seed"], hub=begin["config"]["hub"])
         self.send("begun", description)
-        policy = RandomPolicy(env.action_spec) if is_random else actor.explore
+        policy = RandomPolicy(env.action_spec) if order["is_random"] else actor.explore
         for frame in play(env, policy, state, reset_policy=actor.reset_policy):
-            before = len(rollout.rewards)
-            own = rollout.add(frame, env)
-            steps = [step_of(step, env) for step in own] if begin["is_recorded"] else []
-            parts = (frame,) if not own or own[-1] is frame else (frame, own[-1])
-            # within an episode only
-            rows = [dict(part.exclude("link_lost").flatten_keys(".").items()) for part in parts]
-            self.send("frame", (rows, steps, rollout.rewards[before:]))
+            rewards_before = len(rollout.rewards)
+            own_frames = rollout.add(frame, env)
+            steps = []
+            if begin["is_recorded"]:
+                steps = [step_of(own_frame, env) for own_frame in own_frames]
+            # The last step of the robot itself is for `on_transition`; sent once where it is the
+            # frame.
+            frames = [frame]
+            if own_frames and own_frames[-1] is not frame:
+                frames.append(own_frames[-1])
+            columns = [_columns(part) for part in frames]
+            self.send("frame", (columns, steps, rollout.rewards[rewards_before:]))
+            # A robot in simulated time waits for the learner.
             if begin["is_paced"]:
                 self._next_message("go")
             if self._ended.is_set():
                 raise _FleetEnded
-        self.send("ended", (*rollout.judged(env), rollout.is_lost, env.is_cut))
+        success, measures = rollout.judged(env)
+        self.send("ended", (success, measures, rollout.is_lost, env.is_cut))
 
     def _place(self, _rng: np.random.Generator) -> None:
         self.send("place")
@@ -152,6 +166,12 @@ class Worker:
     def _wait(self, duration_s: float) -> None:
         if self._ended.wait(duration_s):
             raise _FleetEnded
+
+
+def _columns(frame: Any) -> dict[str, Any]:
+    """The tensors of a frame by their whole names."""
+    # What the reset says of a link is of no step; that of the outcome, below "next", stays.
+    return dict(frame.exclude("link_lost").flatten_keys(".").items())
 
 
 def main() -> None:

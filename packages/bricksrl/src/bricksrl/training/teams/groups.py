@@ -27,7 +27,11 @@ from bricksrl.errors import DescriptionError
 TeamAgent = Literal["mappo", "ippo", "sac"]
 
 _PPO_BATCH = 4096
+"""Transitions of an update of MAPPO and IPPO, unless the settings say other."""
 _SAC_BATCH = 256
+"""The same of independent SAC."""
+_LEAST_SCALE = 0.05
+"""Least scale of MAPPO's and IPPO's actions, so that no group stops exploring."""
 
 
 @dataclass(frozen=True)
@@ -92,25 +96,35 @@ class PPOGroup:
         self._group = group
         self._settings = settings
         n = len(scale)
+        # One network for all robots of the group: each learns from what the others meet.
         options: dict[str, Any] = {
             "n_agents": robots,
             "share_params": True,
             "activation_class": nn.Tanh,
             "num_cells": settings.hidden,
         }
-        net = MultiAgentMLP(n, 2 * size, centralized=False, **options)
-        body = nn.Sequential(_Scaled(net, scale), NormalParamExtractor(scale_lb=0.05))
+
+        # The policy sees what the robot itself observes, also where the critic sees all.
+        action_net = MultiAgentMLP(n, 2 * size, centralized=False, **options)
+        body = nn.Sequential(
+            _Scaled(action_net, scale), NormalParamExtractor(scale_lb=_LEAST_SCALE)
+        )
+        observation_key = (group, "observation")
+        distribution_keys = [(group, "loc"), (group, "scale")]
         self.policy = ProbabilisticActor(
-            TensorDictModule(body, [(group, "observation")], [(group, "loc"), (group, "scale")]),
-            in_keys=[(group, "loc"), (group, "scale")],
+            TensorDictModule(body, [observation_key], distribution_keys),
+            in_keys=distribution_keys,
             out_keys=[(group, "action")],
             distribution_class=TanhNormal,
             return_log_prob=True,
             log_prob_key=(group, "action_log_prob"),
         )
-        value = _Scaled(MultiAgentMLP(n, 1, centralized=central, **options), scale)
-        critic = TensorDictModule(value, [(group, "observation")], [(group, "state_value")])
+        value_net = MultiAgentMLP(n, 1, centralized=central, **options)
+        value_key = (group, "state_value")
+        critic = TensorDictModule(_Scaled(value_net, scale), [observation_key], [value_key])
+
         make = MAPPOLoss if central else IPPOLoss
+        # TorchRL warns of defaults that its next versions change.
         with warnings.catch_warnings(action="ignore"):
             self.loss = make(
                 self.policy,
@@ -119,44 +133,52 @@ class PPOGroup:
                 entropy_coeff=settings.entropy_coeff,
                 normalize_advantage=True,
             )
-        keys = {
-            name: (group, name)
-            for name in ("action", "reward", "done", "terminated", "advantage", "value_target")
-        }
+        # By themselves loss and advantage look for these at the root, where a team has groups.
+        names = ("reward", "done", "terminated", "advantage", "value_target")
+        keys = {name: (group, name) for name in names}
         self.loss.set_keys(
-            **keys, sample_log_prob=(group, "action_log_prob"), value=(group, "state_value")
+            **keys,
+            action=(group, "action"),
+            sample_log_prob=(group, "action_log_prob"),
+            value=value_key,
         )
         self._advantage = GAE(gamma=settings.gamma, lmbda=settings.gae_lambda, value_network=critic)
-        ends = {
-            name: (group, name)
-            for name in ("reward", "done", "terminated", "advantage", "value_target")
-        }
-        self._advantage.set_keys(**ends, value=(group, "state_value"))
+        self._advantage.set_keys(**keys, value=value_key)
         self._optimizer = torch.optim.Adam(self.loss.parameters(), lr=settings.learning_rate)
 
     def learn(self, frames: TensorDictBase) -> dict[str, Tensor]:
         group = self._group
         after = frames["next"]
-        for name in ("done", "terminated"):  # robots share the episode's end
-            ends = after[name].unsqueeze(-2).expand(after[group, "reward"].shape)
+        # Robots share the episode's end, which the loss wants for each of them.
+        shape = after[group, "reward"].shape  # [copies, time, robots, 1]
+        for name in ("done", "terminated"):
+            ends = after[name].unsqueeze(-2).expand(shape)
             after[group, name] = ends.clone()
             frames[group, name] = torch.zeros_like(ends)
+
+        # Before the rows are shuffled, as an advantage is a sum over time.
         with torch.no_grad():
             frames = self._advantage(frames)
         rows = frames.reshape(-1)
-        metrics: dict[str, list[Tensor]] = {}
         size = min(self._settings.batch_size or _PPO_BATCH, len(rows))
+        metrics: dict[str, list[Tensor]] = {}
         for _ in range(self._settings.passes):
-            for indices in torch.randperm(len(rows), device=rows.device).split(size):
+            order = torch.randperm(len(rows), device=rows.device)
+            for indices in order.split(size):
                 losses = self.loss(rows[indices])
-                parts = [value for name, value in losses.items() if name.startswith("loss_")]
-                torch.stack([value.sum() for value in parts]).sum().backward()
-                torch.nn.utils.clip_grad_norm_(self.loss.parameters(), self._settings.max_grad_norm)
-                self._optimizer.step()
-                self._optimizer.zero_grad()
+                self._descend(losses)
                 for name, value in losses.items():
                     metrics.setdefault(name, []).append(value.detach().mean())
         return {name: torch.stack(values).mean() for name, values in metrics.items()}
+
+    def _descend(self, losses: TensorDictBase) -> None:
+        """One gradient step."""
+        # The other entries, such as the entropy, are only reported.
+        minimised = [value.sum() for name, value in losses.items() if name.startswith("loss_")]
+        torch.stack(minimised).sum().backward()
+        torch.nn.utils.clip_grad_norm_(self.loss.parameters(), self._settings.max_grad_norm)
+        self._optimizer.step()
+        self._optimizer.zero_grad()
 
 
 class SACGroup:
@@ -167,11 +189,11 @@ class SACGroup:
     ) -> None:
         from bricksrl.agents.sac import SACSettings, build
 
+        # To the algorithm, each robot is an environment of its own.
+        observation = Bounded(low, high, low.shape, dtype=torch.float32)
         flag = Unbounded((1,), dtype=torch.bool)
         specs = {
-            "observation_spec": Composite(
-                observation=Bounded(low, high, low.shape, dtype=torch.float32)
-            ),
+            "observation_spec": Composite(observation=observation),
             "action_spec": Bounded(-1.0, 1.0, (size,)),
             "reward_spec": Unbounded((1,)),
             "done_spec": Composite(done=flag, terminated=flag.clone(), truncated=flag.clone()),
@@ -187,36 +209,43 @@ class SACGroup:
         self._group = group
         self._robots = robots
         self._settings = settings
-        self._due = 0.0
-        self.policy = TensorDictModule(
-            _RobotPolicy(self._learner.policy), [(group, "observation")], [(group, "action")]
-        )
+        # Fraction of an update that is left from the last steps.
+        self._updates_due = 0.0
+        policy = _RobotPolicy(self._learner.policy)
+        self.policy = TensorDictModule(policy, [(group, "observation")], [(group, "action")])
 
     def learn(self, frames: TensorDictBase) -> dict[str, Tensor]:
+        self._learner.remember(self._as_copies(frames))
+        steps = frames.batch_size[1]
+        self._updates_due += self._settings.updates_per_step * steps
+        count = int(self._updates_due)
+        self._updates_due = self._updates_due % 1.0
+        return self._learner.make_updates(count)
+
+    def _as_copies(self, frames: TensorDictBase) -> TensorDict:
+        """Frames ``[copies, time]`` with each robot as a copy, ``[copies * robots, time]``."""
         group = self._group
-        after = frames["next"]
-        shape = frames.batch_size
+        copies, time = frames.batch_size
 
         def per_robot(part: TensorDictBase, name: str) -> Tensor:
-            """Robots as copies, ``[copies * robots, time, n]``."""
-            value = (
-                part[group, name] if (group, name) in part.keys(True) else part[name].unsqueeze(-2)
-            )
-            value = value.expand(*shape, self._robots, value.shape[-1])
-            copies: Tensor = value.transpose(1, 2).reshape(-1, shape[1], value.shape[-1])
-            return copies
+            if (group, name) in part.keys(True):
+                value = part[group, name]  # [copies, time, robots, n]
+            else:
+                # The whole arena's, such as the end of the episode: the same for each robot.
+                value = part[name].unsqueeze(-2)
+            n = value.shape[-1]
+            of_all = value.expand(copies, time, self._robots, n)
+            # Each robot's steps stay in the order of time, as the memory reads them.
+            in_time: Tensor = of_all.transpose(1, 2).reshape(-1, time, n)
+            return in_time
 
-        outcomes = {
-            name: per_robot(after, name)
+        batch = [copies * self._robots, time]
+        current = {name: per_robot(frames, name) for name in ("observation", "action")}
+        outcome = {
+            name: per_robot(frames["next"], name)
             for name in ("observation", "reward", "terminated", "done", "link_lost")
         }
-        batch = [shape[0] * self._robots, shape[1]]
-        current = {name: per_robot(frames, name) for name in ("observation", "action")}
-        self._learner.remember(TensorDict({**current, "next": TensorDict(outcomes, batch)}, batch))
-        self._due += self._settings.updates_per_step * shape[1]
-        count = int(self._due)
-        self._due = self._due % 1.0
-        return self._learner.make_updates(count)
+        return TensorDict({**current, "next": TensorDict(outcome, batch)}, batch)
 
 
 class _RobotPolicy(nn.Module):
@@ -227,10 +256,9 @@ class _RobotPolicy(nn.Module):
         self.policy = policy
 
     def forward(self, observation: Tensor) -> Tensor:
-        out: Tensor = self.policy(TensorDict({"observation": observation}, observation.shape[:-1]))[
-            "action"
-        ]
-        return out
+        state = TensorDict({"observation": observation}, observation.shape[:-1])
+        action: Tensor = self.policy(state)["action"]
+        return action
 
 
 GroupLearner = PPOGroup | SACGroup
@@ -242,12 +270,13 @@ def alternating(scripts: Sequence[Callable[[Tensor], Tensor]]) -> Callable[[Tens
     """Script ``k`` modulo their number for copy ``k``; the first one for a single environment."""
 
     def act(observation: Tensor) -> Tensor:
+        # A single environment: [robots, n].
         if observation.ndim < 3:
             return scripts[0](observation)
         copies = torch.arange(len(observation), device=observation.device)
-        return torch.stack([script(observation) for script in scripts])[
-            copies % len(scripts), copies
-        ]
+        # All scripts act in all copies, as batched functions: [scripts, copies, robots, m].
+        actions = torch.stack([script(observation) for script in scripts])
+        return actions[copies % len(scripts), copies]
 
     return act
 
@@ -259,22 +288,16 @@ def make_group(env: EnvBase, group: str, agent: TeamAgent, settings: TeamSetting
         raise DescriptionError(
             f"{env.task.id} has no group '{group}'; it has {', '.join(env.task.groups)}"
         )
-    low, high = (
-        torch.tensor([getattr(entry, end) for entry in env.task.entries]) for end in ("low", "high")
-    )
     check_value("agent", agent, TeamAgent)
+    low = torch.tensor([entry.low for entry in env.task.entries])
+    high = torch.tensor([entry.high for entry in env.task.entries])
     robots = len(env.task.groups[group])
+    # A command for each of the two wheels of a robot.
     size = 2
     if agent == "sac":
         return SACGroup(group, robots, low, high, size, settings)
-    return PPOGroup(
-        group,
-        robots,
-        torch.maximum(low.abs(), high.abs()),
-        size,
-        settings,
-        central=agent == "mappo",
-    )
+    scale = torch.maximum(low.abs(), high.abs())
+    return PPOGroup(group, robots, scale, size, settings, central=agent == "mappo")
 
 
 def team_policy(
@@ -288,6 +311,8 @@ def team_policy(
         if group in learners:
             parts.append(learners[group].policy)
             continue
-        script = alternating([env.task.script(name) for name in scripts.get(group, "").split(",")])
+        # A group without a learner has no script either if it is not named: "" is none.
+        names = scripts.get(group, "").split(",")
+        script = alternating([env.task.script(name) for name in names])
         parts.append(TensorDictModule(script, [(group, "observation")], [(group, "action")]))
     return TensorDictSequential(*parts)

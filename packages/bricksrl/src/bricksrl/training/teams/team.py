@@ -77,16 +77,17 @@ class Team:
 
     def save(self, path: Path | str) -> None:
         """Save the acting networks."""
-        plain = {
-            **asdict(self.config),
-            "agents": dict(self.config.agents),
-            "scripts": dict(self.config.scripts),
-        }
-        own = {**asdict(self.settings), "hidden": list(self.settings.hidden)}
+        # A checkpoint has plain types only, as it is read without executing anything.
+        config = asdict(self.config)
+        config["agents"] = dict(self.config.agents)
+        config["scripts"] = dict(self.config.scripts)
+        settings = asdict(self.settings)
+        settings["hidden"] = list(self.settings.hidden)
         groups = {
             group: dict(learner.policy.state_dict()) for group, learner in self.learners.items()
         }
-        save_checkpoint(Path(path), {"config": plain, "settings": own, "groups": groups})
+        state = {"config": config, "settings": settings, "groups": groups}
+        save_checkpoint(Path(path), state)
 
 
 def load_team(path: Path | str, scripts: Mapping[str, str] | None = None) -> Team:
@@ -94,12 +95,13 @@ def load_team(path: Path | str, scripts: Mapping[str, str] | None = None) -> Tea
     team."""
     state = load_checkpoint(Path(path))
     try:
-        config = TeamConfig(
-            **{**state["config"], **({} if scripts is None else {"scripts": dict(scripts)})}
-        )
-        settings = TeamSettings(
-            **{**state["settings"], "hidden": tuple(state["settings"]["hidden"])}
-        )
+        config_values = dict(state["config"])
+        if scripts is not None:
+            config_values["scripts"] = dict(scripts)
+        settings_values = dict(state["settings"])
+        settings_values["hidden"] = tuple(settings_values["hidden"])
+        config = TeamConfig(**config_values)
+        settings = TeamSettings(**settings_values)
         team = _new_team(make_arena(config.env), config, settings)
         for group, learner in team.learners.items():
             learner.policy.load_state_dict(state["groups"][group])
@@ -114,7 +116,8 @@ def load_team(path: Path | str, scripts: Mapping[str, str] | None = None) -> Tea
 def _new_team(env: EnvBase, config: TeamConfig, settings: TeamSettings) -> Team:
     agents: Any = config.agents
     learners = {group: make_group(env, group, agent, settings) for group, agent in agents.items()}
-    return Team(config, settings, learners, team_policy(env, learners, config.scripts))
+    policy = team_policy(env, learners, config.scripts)
+    return Team(config, settings, learners, policy)
 
 
 def train_team(
@@ -139,38 +142,49 @@ def _learn(
     env: EnvBase, team: Team, on_progress: Callable[[TeamProgress], None], stop: threading.Event
 ) -> None:
     config = team.config
-    copies = max(1, team.config.copies)
-    batch = team.settings.steps * copies
-    running = {group: torch.zeros(copies) for group in config.agents}
+    # An arena with its hubs is a single one.
+    copies = max(1, config.copies)
+    steps_per_batch = team.settings.steps
+    batches = max(1, config.frames // (steps_per_batch * copies))
+    # Rewards so far of the episodes that have not ended, [copies].
+    running_returns = {group: torch.zeros(copies) for group in config.agents}
     frames_done = 0
-    steps = max(1, config.frames // batch) * team.settings.steps
-    for frames in collect_round(env, team.policy, steps, team.settings.steps):
-        frames = frames if frames.ndim == 2 else frames[None]
+    steps = batches * steps_per_batch
+    for collected in collect_round(env, team.policy, steps, steps_per_batch):
+        frames = collected if collected.ndim == 2 else collected[None]  # [copies, time]
         frames_done += frames.numel()
-        on_progress(_progress(team, frames, running, frames_done))
+        # Before learning, which adds entries to the frames.
+        on_progress(_progress(team, frames, running_returns, frames_done))
         for learner in team.learners.values():
             learner.learn(frames)
         if stop.is_set():
             return
 
 
-def _progress(team: Team, frames: Any, running: dict[str, Any], frames_done: int) -> TeamProgress:
-    """Progress over the episodes that ended in these frames; ``running`` has the returns of the
-    current ones."""
+def _progress(
+    team: Team, frames: Any, running_returns: dict[str, Any], frames_done: int
+) -> TeamProgress:
+    """Progress over the episodes that ended in these frames; ``running_returns``, of the current
+    ones, go on."""
     after = frames["next"]
-    done = after["done"].squeeze(-1)
+    done = after["done"].squeeze(-1)  # [copies, time]
     ended = int(done.sum())
     returns = {}
     for group in team.config.agents:
         total = 0.0
+        running = running_returns[group]
+        # Mean over the robots: [copies, time].
         rewards = after[group, "reward"].mean((-1, -2))
+        # Step by step, as an episode may end and another begin within a batch.
         for step in range(frames.shape[1]):
-            running[group] += rewards[:, step]
-            total += float((running[group] * done[:, step]).sum())
-            running[group] *= ~done[:, step]
+            has_ended = done[:, step]
+            running += rewards[:, step]
+            total += float((running * has_ended).sum())
+            running *= ~has_ended
         returns[group] = total / ended if ended else float("nan")
-    success = float((after["success"] & after["done"]).sum()) / ended if ended else float("nan")
-    return TeamProgress(frames_done, ended, returns, success)
+    successes = float((after["success"] & after["done"]).sum())
+    success_rate = successes / ended if ended else float("nan")
+    return TeamProgress(frames_done, ended, returns, success_rate)
 
 
 @dataclass(frozen=True)
@@ -190,14 +204,16 @@ def play_team(
     played = []
     for number in range(1, episodes + 1):
         env.set_seed(episode_seed("evaluation", seed, number))
+        # Scripts such as "random" draw from torch's generator.
         torch.manual_seed(derive_seed(seed, "policy", number))
         with torch.no_grad(), set_exploration_type(ExplorationType.DETERMINISTIC):
-            after = [frame["next"] for frame in play(env, policy)]
-        if bool(after[-1]["link_lost"]):
+            outcomes = [frame["next"] for frame in play(env, policy)]
+        last = outcomes[-1]
+        if bool(last["link_lost"]):
             raise interface_of(env).link_error
-        returns = {
-            group: sum(float(one[group, "reward"].mean()) for one in after)
-            for group in env.task.groups
-        }
-        played.append(TeamEpisode(bool(after[-1]["success"]), len(after), returns))
+        returns = {}
+        for group in env.task.groups:
+            rewards = [float(outcome[group, "reward"].mean()) for outcome in outcomes]
+            returns[group] = sum(rewards)
+        played.append(TeamEpisode(bool(last["success"]), len(outcomes), returns))
     return played

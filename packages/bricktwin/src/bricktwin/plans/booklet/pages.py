@@ -256,7 +256,7 @@ def _pdf(plan: Plan, pages: Iterable[Page]) -> tuple[bytes, int]:
     from matplotlib.backends.backend_pdf import PdfPages
 
     # Names of parts and robots may have a dollar sign, which Matplotlib would take for a formula.
-    as_text = {"text.parse_math": False}
+    as_text: Any = {"text.parse_math": False}
     buffer = io.BytesIO()
     # Without a date, so that the same plan makes the same bytes.
     metadata = {"Title": plan.title, "Creator": "BricksRL", "CreationDate": None}
