@@ -554,11 +554,8 @@ class _Builder:
             is_drawn_piece = inner.is_drawn and not inner.references
             if not is_drawn_piece:
                 return True
-        for part in model.references:
-            # A piece, as a battery is one of a hub, makes an assembly too (`join_pieces`).
-            if is_known(part.name) or is_piece(part.name):
-                return True
-        return False
+        # A piece, as a battery is one of a hub, makes an assembly too (`join_pieces`).
+        return any(is_known(part.name) or is_piece(part.name) for part in model.references)
 
     def _join(
         self,
