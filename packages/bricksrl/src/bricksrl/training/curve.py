@@ -48,11 +48,15 @@ def draw_learning_curve(
             label=f"mean of the last {window}: {number(means[-1])} at the end",
             zorder=3,
         )
-    evaluated = [episode for episode in episodes if episode.evaluation is not None]
-    if evaluated:
+    evaluations = {
+        episode.episode: episode.evaluation
+        for episode in episodes
+        if episode.evaluation is not None
+    }
+    if evaluations:
         axes.plot(
-            [episode.episode for episode in evaluated],
-            [episode.evaluation for episode in evaluated],
+            list(evaluations),
+            list(evaluations.values()),
             "D",
             color=PALETTE[1],
             markersize=6,
