@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
@@ -10,7 +11,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 if TYPE_CHECKING:
-    from playwright.sync_api import Browser, Page
+    from playwright.sync_api import Browser, Page, Route
 
 _NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
 _FLAGS = (
@@ -45,6 +46,21 @@ def chromium() -> Iterator[Browser]:
         browser = playwright.chromium.launch(executable_path=found, args=list(_FLAGS))
         yield browser
         browser.close()
+
+
+def sleep(page: Page, seconds: float) -> None:
+    """Let a page do nothing for a time, as one that gets no processor time: amid a script, it waits
+    for an answer. (A loop would take processor time.)"""
+
+    def answer(route: Route) -> None:
+        time.sleep(seconds)
+        route.fulfill(body="")
+
+    page.route("**/late", answer)
+    page.evaluate(
+        "() => { const late = new XMLHttpRequest(); "
+        "late.open('GET', '/late', false); late.send(); }"
+    )
 
 
 @contextmanager

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import subprocess
 from collections.abc import Iterator
-from types import SimpleNamespace
 
 import hermetic  # noqa: F401  before anything else is imported
 import pytest
 from ble_fixtures import world  # noqa: F401  a fixture
-from forked import CAN_FORK, ForkServer
+from forked import CAN_FORK, ForkServer, Scratch, children_of
 from quick_files import quick_files  # noqa: F401  a fixture
 
 from bricksrl import child_process
@@ -24,13 +22,18 @@ def _registered_environments(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture
 def forked_children(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Processes of the package that learn or have a robot are forked, too."""
+    """Processes that learn or have a robot are forked, too: those of the test itself, and those of
+    the commands that it starts."""
     if CAN_FORK:
         forked: ForkServer = request.getfixturevalue("forked")
-        made = SimpleNamespace(
-            Popen=forked.popen, PIPE=subprocess.PIPE, TimeoutExpired=subprocess.TimeoutExpired
-        )
-        monkeypatch.setattr(child_process, "subprocess", made)
+        monkeypatch.setattr(child_process, "subprocess", children_of(forked))
+        monkeypatch.setattr(forked, "forks_children", True)
+
+
+@pytest.fixture
+def processes(request: pytest.FixtureRequest) -> ForkServer | Scratch:
+    """Starts commands and scripts: forked, or from scratch where there is no safe fork."""
+    return request.getfixturevalue("forked") if CAN_FORK else Scratch()
 
 
 @pytest.fixture(scope="session")

@@ -24,6 +24,7 @@ import threading
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, NoReturn
 
 CAN_FORK = sys.platform == "linux"
@@ -33,12 +34,26 @@ IMPORTED = (
     "torchrl.data",
     "torchrl.envs",
     "mujoco",
+    "matplotlib.backends.backend_agg",
+    "matplotlib.pyplot",
+    "pandas",  # TensorDict and PyArrow ask for it
+    "pyarrow.parquet",
+    "scipy.stats",
+    "brickhub.kits.virtual_kit",
+    "bricktwin.twin.models.kept_models",
+    "bricktwin.twin.mujoco_body",
     "bricksrl.cli.app",
+    "bricksrl.cli.evaluate",
+    "bricksrl.cli.train",
+    "bricksrl.envs.env",
+    "bricksrl.envs.own_env",
+    "bricksrl.evaluation",
+    "bricksrl.training.fleet.worker",
+    "bricksrl.training.learner_side",
     "bricksrl.training.loop",
     "bricksrl.training.run",
-    "bricksrl.training.fleet.worker",
-    "bricksrl.evaluation",
 )
+"""What the commands would import each by itself, for two seconds of CPU time more."""
 
 
 class Forked(subprocess.Popen[Any]):
@@ -77,8 +92,10 @@ class ForkServer:
 
     def __init__(self) -> None:
         ours, theirs = socket.socketpair()
+        self._folder = tempfile.TemporaryDirectory()
+        self._path = str(Path(self._folder.name) / "server")
         with theirs:
-            command = [sys.executable, __file__, str(theirs.fileno())]
+            command = [sys.executable, __file__, str(theirs.fileno()), self._path]
             environment = {**os.environ, "MUJOCO_GL": "disable"}
             self._server = subprocess.Popen(
                 command, pass_fds=(theirs.fileno(),), env=environment, stdin=subprocess.DEVNULL
@@ -88,6 +105,8 @@ class ForkServer:
         # One thread has all exchanges with the server, and no Ctrl-C of a test falls into one: else
         # its answer would be taken for that of the next one.
         self._exchanges = ThreadPoolExecutor(1, "fork-server")
+        self.forks_children = False
+        """Whether processes that a command starts for learning or for a robot are forked, too."""
 
     def start(
         self,
@@ -105,14 +124,17 @@ class ForkServer:
             if stream == subprocess.PIPE:
                 read, write = os.pipe()
                 theirs, own, mode = (read, write, "w") if number == 0 else (write, read, "r")
-                ends.append(
-                    (theirs, os.fdopen(own, mode if is_text else f"{mode}b", -1 if is_text else 0))
-                )
+                ends.append((theirs, os.fdopen(own, mode if is_text else f"{mode}b")))
             else:
                 ends.append((os.dup(number if stream is None else stream.fileno()), None))
         status, told = os.pipe()
         request = json.dumps(
-            {"arguments": list(arguments), "folder": str(Path.cwd()), **asked}
+            {
+                "arguments": list(arguments),
+                "folder": str(Path.cwd()),
+                "server": self._path if self.forks_children else "",
+                **asked,
+            }
         ).encode()
         theirs_and_told = [*(end for end, _ in ends), told]
         pid = self._exchanges.submit(self._exchange, request, theirs_and_told).result()
@@ -181,6 +203,73 @@ class ForkServer:
         self._exchanges.shutdown()
         self._socket.close()
         self._server.wait(30)
+        self._folder.cleanup()
+
+
+class Scratch:
+    """Processes from scratch, where there is no safe fork."""
+
+    def start(
+        self,
+        arguments: Sequence[str],
+        streams: Sequence[Any],
+        *,
+        folder: str = ".",
+        environment: Mapping[str, str] | None = None,
+        script: str = "",
+    ) -> subprocess.Popen[str]:
+        """As `ForkServer.start`."""
+        stdin, stdout, stderr = streams
+        return subprocess.Popen(
+            _from_scratch(arguments, script),
+            stdin=stdin,
+            stdout=stdout,
+            stderr=stderr,
+            cwd=folder,
+            env=environment,
+            text=True,
+        )
+
+    def run(
+        self,
+        arguments: Sequence[str],
+        folder: Path,
+        environment: Mapping[str, str],
+        timeout_s: float,
+        script: str = "",
+    ) -> subprocess.CompletedProcess[str]:
+        """As `ForkServer.run`."""
+        return subprocess.run(
+            _from_scratch(arguments, script),
+            cwd=folder,
+            env=environment,
+            capture_output=True,
+            text=True,
+            timeout=timeout_s,
+            check=False,
+        )
+
+
+def _from_scratch(arguments: Sequence[str], script: str) -> list[str]:
+    return [sys.executable, *(["-c", script] if script else ["-m", "bricksrl"]), *arguments]
+
+
+class SameServer(ForkServer):
+    """The server, for a process that it has forked."""
+
+    def __init__(self, path: str) -> None:
+        self._path, self.forks_children = path, True
+        self._socket = socket.socket(socket.AF_UNIX)
+        self._exchanges = ThreadPoolExecutor(1, "fork-server")
+        self._socket.settimeout(60)
+        self._socket.connect(path)
+
+
+def children_of(server: ForkServer) -> SimpleNamespace:
+    """In place of the module `subprocess` in `bricksrl.child_process`."""
+    return SimpleNamespace(
+        Popen=server.popen, PIPE=subprocess.PIPE, TimeoutExpired=subprocess.TimeoutExpired
+    )
 
 
 def _exactly(connection: socket.socket, size: int) -> bytes:
@@ -193,7 +282,7 @@ def _exactly(connection: socket.socket, size: int) -> bytes:
     return data
 
 
-def serve(connection: socket.socket) -> int:
+def serve(connection: socket.socket, path: str) -> int:
     """Start the processes that the other side asks for, and tell of their ends, until it leaves."""
     for name in IMPORTED:
         importlib.import_module(name)
@@ -203,30 +292,42 @@ def serve(connection: socket.socket) -> int:
     signal.signal(signal.SIGCHLD, lambda *_: None)
     signal.set_wakeup_fd(wake, warn_on_full_buffer=False)
     told: dict[int, int] = {}
+    listener = socket.socket(socket.AF_UNIX)
+    listener.bind(path)
+    listener.listen()
+    askers = [connection]
     while True:
-        ready = select.select([connection, ended], [], [])[0]
+        ready = select.select([*askers, listener, ended], [], [])[0]
         if ended in ready:
             os.read(ended, 4096)
             _tell_ends(told)
-        if connection in ready:
+        if listener in ready:
+            askers.append(listener.accept()[0])
+        for asker in [asker for asker in askers if asker in ready]:
             try:
                 request: dict[str, Any] = json.loads(
-                    _exactly(connection, int.from_bytes(_exactly(connection, 4), "little"))
+                    _exactly(asker, int.from_bytes(_exactly(asker, 4), "little"))
                 )
-            except EOFError:
-                return 0
-            fds = list(socket.recv_fds(connection, 1, 4)[1])
+                fds = list(socket.recv_fds(asker, 1, 4)[1])
+            except (EOFError, OSError):
+                if asker is connection:
+                    return 0
+                askers.remove(asker)
+                asker.close()
+                continue
             pid = os.fork()
             if pid == 0:
                 signal.set_wakeup_fd(-1)
                 signal.signal(signal.SIGCHLD, signal.SIG_DFL)
-                for fd in (connection.detach(), ended, wake, *told.values(), fds.pop()):
+                sockets = [each.detach() for each in (*askers, listener)]
+                for fd in (*sockets, ended, wake, *told.values(), fds.pop()):
                     os.close(fd)
                 end(command(request, fds))
             told[pid] = fds.pop()
             for fd in fds:
                 os.close(fd)
-            connection.sendall(pid.to_bytes(4, "little"))
+            with contextlib.suppress(OSError):  # who asked has been killed
+                asker.sendall(pid.to_bytes(4, "little"))
 
 
 def _tell_ends(told: dict[int, int]) -> None:
@@ -253,6 +354,7 @@ def end(code: int) -> NoReturn:
 
 def command(request: dict[str, Any], fds: Sequence[int] | array.array[int]) -> int:
     """Run one command, script or module in this process, on these standard streams."""
+    from bricksrl import child_process
     from bricksrl.cli import main
 
     for number, fd in enumerate(fds):
@@ -264,6 +366,8 @@ def command(request: dict[str, Any], fds: Sequence[int] | array.array[int]) -> i
     os.environ.clear()
     os.environ.update(request["environment"])
     sys.argv = ["bricksrl", *request["arguments"]]
+    if server := request["server"]:
+        child_process.subprocess = children_of(SameServer(server))  # type: ignore[attr-defined]
     try:
         if module := request.get("module"):
             os.setsid()
@@ -280,4 +384,4 @@ def command(request: dict[str, Any], fds: Sequence[int] | array.array[int]) -> i
 
 
 if __name__ == "__main__":
-    sys.exit(serve(socket.socket(fileno=int(sys.argv[1]))))
+    sys.exit(serve(socket.socket(fileno=int(sys.argv[1])), sys.argv[2]))

@@ -69,7 +69,11 @@ class Reason(enum.Enum):
 class MediumUnavailableError(HubError):
     """This computer cannot reach hubs this way: ``reason`` says why."""
 
-    def __init__(self, message: str, reason: Reason = Reason.UNKNOWN) -> None:
+    def __init__(
+        self,
+        message: str,
+        reason: Reason = Reason.UNKNOWN,
+    ) -> None:
         super().__init__(message)
         self.reason = reason
 
@@ -148,7 +152,11 @@ class WriteError(BricksError, OSError):
 
 
 @contextmanager
-def installed(package: str, error: type[BricksError], words: str) -> Iterator[None]:
+def installed(
+    package: str,
+    error: type[BricksError],
+    words: str,
+) -> Iterator[None]:
     """Raise ``error`` if the package, which is imported in this context, is not installed;
     ``words``: what pip installs."""
     try:
@@ -157,7 +165,12 @@ def installed(package: str, error: type[BricksError], words: str) -> Iterator[No
         raise error(f"{package} is not installed; run `pip install {words}`") from failure
 
 
-def message_of(error: BaseException, characters: int = 200, *, typed: bool = False) -> str:
+def message_of(
+    error: BaseException,
+    characters: int = 200,
+    *,
+    typed: bool = False,
+) -> str:
     """Message of a library's or user's error in one line, at most of so many characters; with its
     type if it has none, or ``typed``: the type of an error in somebody's code says more than its
     message."""

@@ -53,7 +53,11 @@ Count = Annotated[int, Range(1)]
 """A number of things, at least one."""
 
 
-def check_fields(cls: type, values: dict[str, Any], **named: Any) -> None:
+def check_fields(
+    cls: type,
+    values: dict[str, Any],
+    **named: Any,
+) -> None:
     """Check values against the annotations of a dataclass's fields, by name; unknown names are
     ignored. ``named``: types that annotations name and their module does not import. Raises
     DescriptionError if an annotation does not allow a value."""
@@ -63,7 +67,11 @@ def check_fields(cls: type, values: dict[str, Any], **named: Any) -> None:
             check_value(name, values[name], hint)
 
 
-def check_value(name: str, value: Any, hint: Any) -> None:
+def check_value(
+    name: str,
+    value: Any,
+    hint: Any,
+) -> None:
     """Check a value against an annotation; limits in it are a container of the allowed numbers.
     Raises DescriptionError if the annotation does not allow the value."""
     limits = _limits_of(hint)
@@ -92,7 +100,11 @@ def _limits_of(hint: Any) -> Container[Any] | None:
     return None
 
 
-def _check_limits(name: str, value: Any, limits: Container[Any]) -> None:
+def _check_limits(
+    name: str,
+    value: Any,
+    limits: Container[Any],
+) -> None:
     if isinstance(value, float) and not math.isfinite(value):
         raise DescriptionError(f"{name} is {value}; give a finite number")
     # True counts as 1 in Python, but whoever wrote it meant no number.
@@ -101,7 +113,11 @@ def _check_limits(name: str, value: Any, limits: Container[Any]) -> None:
         raise DescriptionError(f"{name} is {value!r}; give {limits}")
 
 
-def check_arguments(name: str, function: Callable[..., Any], arguments: Iterable[str]) -> None:
+def check_arguments(
+    name: str,
+    function: Callable[..., Any],
+    arguments: Iterable[str],
+) -> None:
     """Check that a function takes so many arguments; ``arguments`` are their names. Raises
     DescriptionError if it does not."""
     try:
@@ -120,7 +136,9 @@ def check_arguments(name: str, function: Callable[..., Any], arguments: Iterable
 
 
 def check_call(
-    where: str, function: Callable[..., Any], values: Mapping[str, Any]
+    where: str,
+    function: Callable[..., Any],
+    values: Mapping[str, Any],
 ) -> dict[str, Any]:
     """Values for a function's parameters, by name, as its annotations want them: a list becomes a
     tuple, a text a path or a member of an enumeration, a whole number a text. A parameter without
@@ -267,7 +285,11 @@ def _matches(value: Any, hint: Any) -> bool:
     return not parts or _items_match(value, cls, parts)
 
 
-def _items_match(value: Any, cls: Any, parts: tuple[Any, ...]) -> bool:
+def _items_match(
+    value: Any,
+    cls: Any,
+    parts: tuple[Any, ...],
+) -> bool:
     """Whether what is in a container is of the types of its annotation."""
     if cls is dict:
         key_hint, item_hint = parts

@@ -128,7 +128,12 @@ def writing(path: Path) -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def reading(what: str, path: Path | str, error: type[BricksError], remedy: str) -> Iterator[None]:
+def reading(
+    what: str,
+    path: Path | str,
+    error: type[BricksError],
+    remedy: str,
+) -> Iterator[None]:
     """Raise ``error``, with the remedy, where ``what``, the file at ``path``, cannot be read in
     this context, or its content causes any error there: one with words of ours says what is wrong
     with it."""

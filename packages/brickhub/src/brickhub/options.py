@@ -28,7 +28,9 @@ option = partial(arg, help_behavior_hint=_default)
 
 
 def parsed(
-    read: Callable[[str], Any], metavar: str, collect: Callable[[Any], Any] | None = None
+    read: Callable[[str], Any],
+    metavar: str,
+    collect: Callable[[Any], Any] | None = None,
 ) -> PrimitiveConstructorSpec[Any]:
     """Annotation of an option whose text is read by a function; with ``collect``, of one that may
     be repeated, whose values go through it together."""
@@ -89,7 +91,11 @@ def _remarks_on(hint: Any) -> tuple[Any, ...]:
     return remarks
 
 
-def existing_file(what: str, error: type[BricksError], remedy: str) -> Existing:
+def existing_file(
+    what: str,
+    error: type[BricksError],
+    remedy: str,
+) -> Existing:
     """Annotation of an option that names a file to read; the error says ``what`` cannot be read,
     and the remedy."""
 
@@ -151,7 +157,11 @@ def _name_in_help(hint: Any) -> str | None:
     return None
 
 
-def refuse_ignored(command: Any, kept: Container[str], mode: str) -> None:
+def refuse_ignored(
+    command: Any,
+    kept: Container[str],
+    mode: str,
+) -> None:
     """Raise DescriptionError if an option of a command is set that has no effect in a mode, such as
     ``with --resume``."""
     for name in changed_options(command):

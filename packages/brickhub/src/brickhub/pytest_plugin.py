@@ -62,7 +62,11 @@ class PybricksHub:
         scratch: folder for programs that are given as text.
     """
 
-    def __init__(self, folder: Path, scratch: Path) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        scratch: Path,
+    ) -> None:
         self._folder = folder
         self._scratch = scratch
 
@@ -133,7 +137,12 @@ class PybricksHub:
                 time_limit_s=time_limit_s,
                 operation=operation,
             )
-        return ProgramRun(code, out.getvalue().decode(errors="replace"), err.getvalue(), log)
+        return ProgramRun(
+            code,
+            out.getvalue().decode(errors="replace"),
+            err.getvalue(),
+            log,
+        )
 
     def _body(
         self,

@@ -38,7 +38,11 @@ def check_seed(seed: int | None) -> None:
         raise DescriptionError(f"seed is {seed}; give a whole number from 0 to {LARGEST_SEED}")
 
 
-def derive_seed(seed: int, purpose: str, index: int = 0) -> int:
+def derive_seed(
+    seed: int,
+    purpose: str,
+    index: int = 0,
+) -> int:
     """A pseudo-random seed in 0..2**31-1 for each purpose and index."""
     # Not Python's `hash`, which differs from one process to the next.
     name = f"{seed}/{purpose}/{index}"
@@ -51,7 +55,12 @@ _FIRST_SEED = {"training": 0, "selection": 2**31, "evaluation": 3 * 2**30}
 _PURPOSE = {"training": "episode", "selection": "selection", "evaluation": "evaluation"}
 
 
-def episode_seed(kind: EpisodeKind, seed: int, number: int, again: int = 0) -> int:
+def episode_seed(
+    kind: EpisodeKind,
+    seed: int,
+    number: int,
+    again: int = 0,
+) -> int:
     """The seed of episode ``number`` of a run or an evaluation with a seed; ``again``: how often it
     was tried before."""
     derived = derive_seed(seed, _PURPOSE[kind], number)

@@ -64,7 +64,14 @@ def whole_interface(robot: Robot) -> Interface:
     commands = []
     channels: list[Channel] = []
     for motor in robot.motors:
-        commands.append(RunAngle(motor.name, -_TURN_DEG, _TURN_DEG, _FAST_DEG_S))
+        commands.append(
+            RunAngle(
+                motor.name,
+                -_TURN_DEG,
+                _TURN_DEG,
+                _FAST_DEG_S,
+            )
+        )
         # A motor without a range turns endlessly: its angle is one of a turn.
         low_deg, high_deg = motor.range_deg or (0, 360)
         channels.append(MotorAngle(motor.name, float(low_deg), float(high_deg)))
@@ -90,7 +97,12 @@ def find_in_files(name: str, complete: Callable[[Robot], Robot] = lambda robot: 
             "or bench"
         )
     make_body = functools.partial(BenchBody, robot)
-    return Target(robot.name, robot, whole_interface(robot), make_body)
+    return Target(
+        robot.name,
+        robot,
+        whole_interface(robot),
+        make_body,
+    )
 
 
 def find(name: str) -> Target:

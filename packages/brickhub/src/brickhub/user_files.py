@@ -132,7 +132,12 @@ def without_name(reference: str) -> str:
     return _parts(reference)[0]
 
 
-def load_object(reference: str, default: str | type, *, missing: str = "write one there") -> Any:
+def load_object(
+    reference: str,
+    default: str | type,
+    *,
+    missing: str = "write one there",
+) -> Any:
     """Object of that name in the user's code.
 
     Args:
@@ -188,7 +193,11 @@ def _objects_of(module: ModuleType, kind: type) -> dict[str, Any]:
     return dict(found.values())
 
 
-def _items_within(place: str, value: object, walked: set[int]) -> Iterator[tuple[str, object]]:
+def _items_within(
+    place: str,
+    value: object,
+    walked: set[int],
+) -> Iterator[tuple[str, object]]:
     """All that is in a list, tuple, set or dictionary, at any depth, by its place; a container that
     was walked before has nothing new."""
     if not isinstance(value, list | tuple | set | frozenset | dict) or id(value) in walked:
@@ -296,7 +305,12 @@ def _foreign_folders() -> Iterator[Path]:
 
 
 @contextlib.contextmanager
-def calling(reference: str, failing: str, *, is_of_user: bool = True) -> Iterator[None]:
+def calling(
+    reference: str,
+    failing: str,
+    *,
+    is_of_user: bool = True,
+) -> Iterator[None]:
     """Raise DescriptionError, with the line, where the user's code raises in this context;
     ``failing``: what it then does. Errors of ours, and of code that is not the user's, are raised
     as they are."""
@@ -328,7 +342,12 @@ def _run_file(path: Path) -> ModuleType:
     return module
 
 
-def _only(type_: type, module: ModuleType, reference: str, missing: str) -> Any:
+def _only(
+    type_: type,
+    module: ModuleType,
+    reference: str,
+    missing: str,
+) -> Any:
     """The only object of a type in a module. Raises UnknownNameError for none or several."""
     # An object does not record the module that defines it, so imported ones count too.
     objects = _objects_of(module, type_)

@@ -39,7 +39,7 @@ def run(
 @pytest.mark.parametrize("name", OWN)
 def test_program_of_our_own(tmp_path: Path, name: str) -> None:
     # without a pause, each second is thousands of readings
-    red_s = 1.0 if name == "waits for a color without a pause" else 2.5
+    red_s = 0.5 if name == "waits for a color without a pause" else 2.5
     done = run(tmp_path, own(name), red_s=red_s)
     assert done.returncode == 0, done.stderr
 

@@ -70,7 +70,10 @@ class _GymnasiumHook:
     imported otherwise."""
 
     def find_spec(
-        self, name: str, path: Sequence[str] | None, target: ModuleType | None = None
+        self,
+        name: str,
+        path: Sequence[str] | None,
+        target: ModuleType | None = None,
     ) -> ModuleSpec | None:
         if name != "gymnasium":
             return None
@@ -101,7 +104,10 @@ class _GraphicsHook:
     work costs pictures only."""
 
     def find_spec(
-        self, name: str, path: Sequence[str] | None, target: ModuleType | None = None
+        self,
+        name: str,
+        path: Sequence[str] | None,
+        target: ModuleType | None = None,
     ) -> None:
         if name == "torchrl":
             from bricktwin.twin.make_body import check_mujoco

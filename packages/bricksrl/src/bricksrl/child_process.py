@@ -28,7 +28,11 @@ Send = Callable[..., None]
 """Sends a message: a kind, and any content. Raises BrokenPipeError if the other side is gone."""
 
 
-def open_channel(incoming: BinaryIO, outgoing: BinaryIO, deliver: Deliver) -> Send:
+def open_channel(
+    incoming: BinaryIO,
+    outgoing: BinaryIO,
+    deliver: Deliver,
+) -> Send:
     """Deliver incoming messages from a separate thread. Returns the function that sends messages.
     The ends trust each other."""
 
@@ -50,7 +54,11 @@ def open_channel(incoming: BinaryIO, outgoing: BinaryIO, deliver: Deliver) -> Se
             # It is gone, maybe amid a message, or closed on this side.
             deliver(None)
 
-    threading.Thread(target=read, name="channel", daemon=True).start()
+    threading.Thread(
+        target=read,
+        name="channel",
+        daemon=True,
+    ).start()
     return send
 
 
@@ -82,7 +90,12 @@ class ChildProcess:
     """A process that runs a module, with further environment ``variables``; Ctrl-C in the terminal
     does not reach it. Raises OSError if it cannot be started."""
 
-    def __init__(self, module: str, deliver: Deliver, **variables: str) -> None:
+    def __init__(
+        self,
+        module: str,
+        deliver: Deliver,
+        **variables: str,
+    ) -> None:
         flags = getattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0)
         command, own_variables = own_python("-m", module)
         self._process = subprocess.Popen(  # noqa: S603  our own interpreter

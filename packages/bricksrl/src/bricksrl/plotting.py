@@ -65,18 +65,37 @@ def check_picture(path: Path | str) -> Path:
     return path
 
 
-def style(axes: Axes, title: str = "", x: str = "", y: str = "") -> None:
+def style(
+    axes: Axes,
+    title: str = "",
+    x: str = "",
+    y: str = "",
+) -> None:
     """Title and labels, a light grid, no frame."""
-    axes.set_title(title, loc="left", color=INK, fontsize=12, fontweight="bold")
+    axes.set_title(
+        title,
+        loc="left",
+        color=INK,
+        fontsize=12,
+        fontweight="bold",
+    )
     axes.set_xlabel(x, color=INK)
     axes.set_ylabel(y, color=INK)
-    axes.grid(axis="y", color=GRID, zorder=0)
+    axes.grid(
+        axis="y",
+        color=GRID,
+        zorder=0,
+    )
     axes.spines[["top", "right", "left"]].set_visible(False)
     axes.spines["bottom"].set_color(MUTED)
     axes.tick_params(colors=MUTED, length=0)
 
 
-def save(figure: Figure, path: Path, dots_per_inch: int = 150) -> None:
+def save(
+    figure: Figure,
+    path: Path,
+    dots_per_inch: int = 150,
+) -> None:
     """Write a figure to a file of one of `PICTURES`, completely or not at all."""
     data = io.BytesIO()
     figure.savefig(data, format=path.suffix[1:].lower(), dpi=dots_per_inch)
@@ -101,7 +120,12 @@ def number(value: float) -> str:
     return f"{value:,.0f}" if abs(value) >= 100 else f"{value:.3g}"
 
 
-def finish(axes: Axes, lines: Mapping[str, float] | None = None, *, legend: bool = True) -> None:
+def finish(
+    axes: Axes,
+    lines: Mapping[str, float] | None = None,
+    *,
+    legend: bool = True,
+) -> None:
     """Finish a plot: plain numbers, whole episodes, lone points, named reference lines at the right
     edge, the legend below.
 
@@ -137,7 +161,13 @@ def _reference_lines(axes: Axes, lines: Mapping[str, float]) -> None:
     """A dashed line for each value, and its label outside of the axes; labels of close values are
     spread."""
     for value in lines.values():
-        axes.axhline(value, color=MUTED, linewidth=1, linestyle=(0, (4, 3)), zorder=1)
+        axes.axhline(
+            value,
+            color=MUTED,
+            linewidth=1,
+            linestyle=(0, (4, 3)),
+            zorder=1,
+        )
     low, high = axes.get_ylim()
     ordered = sorted(lines.items(), key=lambda item: item[1])
     # From the lowest up, each as high as its line, or as its predecessor's text allows.

@@ -85,7 +85,11 @@ class Paced:
     """Driver that limits a simulation to ``rate_hz`` steps per second, so that a human can
     follow."""
 
-    def __init__(self, driver: Callable[[Tensor], Tensor | None], rate_hz: float) -> None:
+    def __init__(
+        self,
+        driver: Callable[[Tensor], Tensor | None],
+        rate_hz: float,
+    ) -> None:
         self._driver = driver
         self._period_s = 1.0 / rate_hz
         self._due_s = time.perf_counter()
@@ -112,7 +116,11 @@ class KeyboardDriver:
     """
 
     def __init__(
-        self, commands: Sequence[Entry], *, in_charge: bool = True, source: Input | None = None
+        self,
+        commands: Sequence[Entry],
+        *,
+        in_charge: bool = True,
+        source: Input | None = None,
     ) -> None:
         if len(commands) > len(KEY_PAIRS):
             raise DataError(
@@ -184,7 +192,11 @@ class GamepadDriver(contextlib.AbstractContextManager["GamepadDriver"]):
     """
 
     def __init__(
-        self, commands: Sequence[Entry], *, in_charge: bool = True, pad: Pad | None = None
+        self,
+        commands: Sequence[Entry],
+        *,
+        in_charge: bool = True,
+        pad: Pad | None = None,
     ) -> None:
         self.in_charge = in_charge
         self._rest = at_rest(commands)

@@ -85,7 +85,10 @@ def test_new_file_can_be_trained(
     assert "bricksrl check my_own.py" in told
     env, agent = ("WalkerSim-v0", "my_own.py") if kind == "agent" else ("my_own.py", "sac")
     settings = None if kind == "agent" else TINY
-    config = TrainConfig(env, agent, episodes=2, settings=settings, run_dir=tmp_path / "run")
+    short = {"max_steps": 20} if kind == "agent" else {}
+    config = TrainConfig(
+        env, agent, episodes=2, settings=settings, options=short, run_dir=tmp_path / "run"
+    )
     assert len(train(config).episodes) == 2
     assert main(["check", "my_own.py"]) == 0
     assert not [line for line in capfd.readouterr().out.splitlines() if line.startswith("error")]
@@ -437,6 +440,7 @@ sys.exit(bricksrl.cli.main())
     )
 
 
+@pytest.mark.usefixtures("forked_children")
 @pytest.mark.parametrize(
     "option", [pytest.param("--robots=2", marks=pytest.mark.slow), "--asynchronous"]
 )

@@ -6,14 +6,13 @@ import functools
 import os
 import re
 import signal
-import subprocess
-import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 import pytest
+from forked import ForkServer, Scratch
 from prompt_toolkit.input import create_pipe_input
 from torchrl.envs import ParallelEnv
 
@@ -174,14 +173,15 @@ def test_signal_ends_training_and_saves(start, tmp_path) -> None:
 
 
 @pytest.mark.skipif(os.name != "posix", reason="a terminal of POSIX")
-def test_keys_in_a_terminal(tmp_path) -> None:
+@pytest.mark.usefixtures("forked_children")
+def test_keys_in_a_terminal(processes: ForkServer | Scratch, tmp_path) -> None:
     import pty
     import select
     import termios
 
     master, slave = pty.openpty()
     before = termios.tcgetattr(slave)
-    command = [sys.executable, "-m", "bricksrl", *TRAIN, "--run", str(tmp_path / "run")]
+    command = [*TRAIN, "--run", str(tmp_path / "run")]
     environment = {**os.environ, "MUJOCO_GL": "disable", "TERM": "xterm"}
     screen = b""
 
@@ -194,14 +194,16 @@ def test_keys_in_a_terminal(tmp_path) -> None:
                 screen += os.read(master, 4096)
 
     login = "import os, sys, fcntl, termios; os.setsid(); fcntl.ioctl(0, termios.TIOCSCTTY, 0); "
-    login += "os.execv(sys.argv[1], sys.argv[1:])"
-    with subprocess.Popen(
-        [sys.executable, "-c", login, *command],
-        stdin=slave,
-        stdout=slave,
-        stderr=slave,
-        env=environment,
-    ) as child:
+    login += "from bricksrl.cli import main; sys.exit(main())"
+    with os.fdopen(slave, "r+b", 0, closefd=False) as terminal:
+        child = processes.start(
+            command,
+            (terminal, terminal, terminal),
+            folder=str(tmp_path),
+            environment=environment,
+            script=login,
+        )
+    try:
         until(LEGEND.encode()[:30])
         until(b"seed 0")
         os.write(master, b"p")
@@ -212,6 +214,9 @@ def test_keys_in_a_terminal(tmp_path) -> None:
         until(b"stopped by hand")
         until(b"interrupted: ")
         assert child.wait(timeout=30) == 130
+    finally:
+        if child.poll() is None:
+            child.kill()
     after = termios.tcgetattr(slave)
     os.close(master)
     os.close(slave)

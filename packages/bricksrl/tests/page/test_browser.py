@@ -15,7 +15,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from browser import chromium, tab
+from browser import chromium, sleep, tab
 from PIL import Image
 
 import bricksrl
@@ -178,7 +178,9 @@ def test_robot_at_rest_is_drawn_with_all_pixels(browser: object, played: Played)
             "(scene => scene.clientWidth * Math.min(devicePixelRatio, 2) - "
             "scene.width)(document.querySelector('#scene'))"
         )
-        page.wait_for_timeout(3_000)
+        end_s = time.monotonic() + 3.0  # on a fast computer nothing is missing
+        while abs(page.evaluate(missing_px)) < 1 and time.monotonic() < end_s:
+            page.wait_for_timeout(50)
         button(page, "Pause").click()
         state_is(page, "paused")
         until(lambda: abs(page.evaluate(missing_px)) < 1, "it is drawn with all pixels")
@@ -257,7 +259,7 @@ def test_page_that_slept_does_not_drive_on(browser: object) -> None:
         for _ in range(8):
             page.keyboard.press("ArrowRight")
         until(lambda: played.page.driver.pushes[0] > 0.35, "the slider is heard")
-        page.evaluate("() => { const end = Date.now() + 3000; while (Date.now() < end); }")
+        sleep(page, 3.0)
         time.sleep(1.0)
         assert played.page.driver.pushes == [0.0, 0.0]
         until(lambda: slider.input_value() == "0", "the slider shows it")
@@ -353,7 +355,7 @@ def test_memory_does_not_grow(browser: object, played: Played) -> None:
     with tab(browser, played.page.url) as page:
         page.wait_for_selector("#scene[data-frames]")
         button(page, "max").click()
-        until(lambda: played.steps > 500, "it plays")
+        until(lambda: played.steps > 410, "it plays")
         series = played.page.board.series
         assert len(series["reward"].rows) == 400 == len(series["channels"].rows)
         assert page.evaluate("document.querySelectorAll('*').length") < 250

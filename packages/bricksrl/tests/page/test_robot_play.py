@@ -4,6 +4,7 @@ drives; signals end them."""
 from __future__ import annotations
 
 import json
+import os
 import re
 import signal
 import subprocess
@@ -17,6 +18,7 @@ import numpy as np
 import pytest
 import torch
 from browser import chromium, tab
+from forked import ForkServer, Scratch
 
 import bricksrl
 from bricksrl.envs.make import make
@@ -124,11 +126,12 @@ def test_paused_page_ends_when_it_is_stopped(is_plain):
 
 
 @contextmanager
-def command(*words: str) -> Iterator[tuple[subprocess.Popen[str], str]]:
+def command(
+    processes: ForkServer | Scratch, *words: str
+) -> Iterator[tuple[subprocess.Popen[str], str]]:
     """A command with a page, and its address."""
-    with subprocess.Popen(
-        [sys.executable, "-m", "bricksrl", *words], stderr=subprocess.PIPE, text=True
-    ) as process:
+    streams = (None, None, subprocess.PIPE)
+    with processes.start(words, streams, environment=dict(os.environ)) as process:
         assert process.stderr is not None
         found = None
         try:
@@ -164,17 +167,21 @@ def pressing(url: str, name: str) -> None:
 @pytest.mark.parametrize(
     "words", [("demo",), ("drive", "RunAway-v0"), ("play", "WalkerSim-v0", "--page")]
 )
-def test_paused_page_ends_at_sigterm(words):
-    with command(*words) as (process, url):
+def test_paused_page_ends_at_sigterm(processes, words):
+    with command(processes, *words) as (process, url):
         pressing(url, "pause")
         process.send_signal(signal.SIGTERM)
         assert process.wait(30) == 130
 
 
 @pytest.mark.realtime
-def test_demo_walks_in_the_browser():
+def test_demo_walks_in_the_browser(processes):
     """From the command to a robot that has moved."""
-    with chromium() as browser, command("demo") as (_, url), tab(browser, url) as page:
+    with (
+        chromium() as browser,
+        command(processes, "demo") as (_, url),
+        tab(browser, url) as page,
+    ):
         page.locator("[data-fact=distance]").filter(
             has_text=re.compile(r"0\.(0[3-9]|[1-9])")
         ).wait_for()

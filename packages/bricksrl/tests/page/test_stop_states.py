@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 import pytest
-from browser import TIMEOUT_MS, chromium, tab
+from browser import TIMEOUT_MS, chromium, sleep, tab
 
 from brickhub.entry import Entry
 from bricksrl.envs.env_interface import BricksEnv
@@ -128,7 +128,7 @@ def test_page_that_is_frozen_silently_does_not_say_running(browser: object) -> N
             sees(page, "#state.lost", "no connection")
             assert page.locator("body.lost").count() == 1
         sees(page, "#state", "running")
-        page.evaluate("() => { const end = Date.now() + 4000; while (Date.now() < end); }")
+        sleep(page, 4.0)
         sees(page, "#state", "running")
 
 

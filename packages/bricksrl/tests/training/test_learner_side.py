@@ -5,8 +5,8 @@ from __future__ import annotations
 import contextlib
 import io
 import itertools
+import os
 import subprocess
-import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -17,6 +17,7 @@ from typing import Any
 
 import pytest
 import torch
+from forked import ForkServer, Scratch
 from tensordict import TensorDict
 from test_training_loop import Recorder, ctrl_c, rows
 from torchrl.envs.utils import ExplorationType, set_exploration_type
@@ -277,21 +278,15 @@ def test_real_time_runs_are_asynchronous_by_default() -> None:
         assert TrainConfig.from_dict(told.to_dict()) == told
 
 
-def test_error_of_a_callback_is_the_last_line(tmp_path: Path) -> None:
-    script = tmp_path / "script.py"
-    script.write_text(
+def test_error_of_a_callback_is_the_last_line(
+    processes: ForkServer | Scratch, tmp_path: Path
+) -> None:
+    script = (
         "from bricksrl.training import Callback, TrainConfig, train\n"
         "class Faulty(Callback):\n"
         "    def on_episode(self, episode, progress):\n"
         "        raise ValueError('mine')\n"
         "train(TrainConfig('RunAway-v0', episodes=2, asynchronous=True), Faulty())\n"
     )
-    done = subprocess.run(
-        [sys.executable, script],
-        capture_output=True,
-        text=True,
-        timeout=100,
-        cwd=tmp_path,
-        check=False,
-    )
+    done = processes.run((), tmp_path, os.environ, 100.0, script)
     assert (done.returncode, done.stderr.splitlines()[-1]) == (1, "ValueError: mine")

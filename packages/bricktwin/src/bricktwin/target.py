@@ -43,7 +43,12 @@ def _in_scene(target: Target, reference: str) -> Target:
         make_in_scene = partial(make_body, target.robot, scene=scene)
         others = ", ".join(name for name in scenes if name != taken)
         note = f"{file} has the scene {taken}, which is taken, and {others}, not taken"
-        return replace(target, make_body=make_in_scene, scene=scene, note=note if others else "")
+        return replace(
+            target,
+            make_body=make_in_scene,
+            scene=scene,
+            note=note if others else "",
+        )
     # Of several, none is the right one by itself: the user is told how to name one.
     note = ""
     if scenes:
@@ -70,7 +75,11 @@ def load_scene(reference: str) -> Scene:
     return scene
 
 
-def body_of(target: Target, scene: Scene | None, **options: Any) -> Body:
+def body_of(
+    target: Target,
+    scene: Scene | None,
+    **options: Any,
+) -> Body:
     """The body of a target in its own scene, or in another one; further options are those of
     `make_body`. Raises TwinError if a robot on the bench is to be in a scene."""
     if scene is None:

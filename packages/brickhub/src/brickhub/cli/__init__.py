@@ -109,7 +109,9 @@ def _prepare_terminal() -> None:
 
 
 def _run(
-    table: str, arguments: Sequence[str], begin: Callable[[ParsedCommand], None] | None
+    table: str,
+    arguments: Sequence[str],
+    begin: Callable[[ParsedCommand], None] | None,
 ) -> int:
     """Run one command; a Ctrl-C that it does not handle ends it. ``begin`` is called when all that
     it needs to begin is imported."""

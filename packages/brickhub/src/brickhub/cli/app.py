@@ -161,7 +161,11 @@ def parse(line: CommandLine, arguments: Sequence[str]) -> ParsedCommand:
     return cast(ParsedCommand, parsed)
 
 
-def _wrong_command(line: CommandLine, words: Sequence[str], rest: Sequence[str]) -> str | None:
+def _wrong_command(
+    line: CommandLine,
+    words: Sequence[str],
+    rest: Sequence[str],
+) -> str | None:
     """What is wrong with the word after these ones, which is to be a command; ``None`` if nothing
     is, or the parser tells it. A parser of names alone would only say which names there are."""
     if not words:
@@ -182,7 +186,11 @@ def _wrong_command(line: CommandLine, words: Sequence[str], rest: Sequence[str])
 _DASHES = ("\N{EN DASH}", "\N{EM DASH}", "\N{MINUS SIGN}")
 
 
-def _parse(line: CommandLine, words: Sequence[str], arguments: Sequence[str]) -> object:
+def _parse(
+    line: CommandLine,
+    words: Sequence[str],
+    arguments: Sequence[str],
+) -> object:
     """Parse with the parser of the named command only, as a parser of all would have to import
     every command."""
     prog = " ".join([line.prog, *words])
@@ -191,7 +199,12 @@ def _parse(line: CommandLine, words: Sequence[str], arguments: Sequence[str]) ->
         overview = _listing(line.commands)
         for name, (text, commands) in line.groups.items():
             overview.command(_listing(commands), name=name, help=text)
-        return overview.cli(prog=prog, description=line.description, args=arguments, config=config)
+        return overview.cli(
+            prog=prog,
+            description=line.description,
+            args=arguments,
+            config=config,
+        )
     if words[0] in line.commands:
         place = line.commands[words[0]]
     else:
@@ -199,11 +212,20 @@ def _parse(line: CommandLine, words: Sequence[str], arguments: Sequence[str]) ->
         # A group alone: what it lacks is a command, and its help lists them.
         if len(words) == 1:
             listing = _listing(commands)
-            return listing.cli(prog=prog, description=text, args=arguments, config=config)
+            return listing.cli(
+                prog=prog,
+                description=text,
+                args=arguments,
+                config=config,
+            )
         place = commands[words[1]]
     command = _load(place)
     return tyro.cli(
-        command, prog=prog, description=_help(line, command), args=arguments, config=config
+        command,
+        prog=prog,
+        description=_help(line, command),
+        args=arguments,
+        config=config,
     )
 
 
@@ -250,7 +272,12 @@ def _help(line: CommandLine, command: type) -> str:
     text = cleandoc(command.__doc__ or "")
     for begin, here in line.spelling.items():
         # Only examples, which are indented, and what stands in backquotes: not words of sentences.
-        text = re.sub(rf"^(  |.*`){begin}\b", rf"\g<1>{here}", text, flags=re.MULTILINE)
+        text = re.sub(
+            rf"^(  |.*`){begin}\b",
+            rf"\g<1>{here}",
+            text,
+            flags=re.MULTILINE,
+        )
     return text
 
 

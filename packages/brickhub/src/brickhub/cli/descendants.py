@@ -56,7 +56,11 @@ def _processes() -> Iterator[tuple[int, int, str]]:
 def _listed() -> Iterator[tuple[int, int, str]]:
     with contextlib.suppress(OSError, subprocess.SubprocessError):
         done = subprocess.run(  # noqa: S603  a command of the system
-            _PS, capture_output=True, text=True, timeout=_PS_S, check=False
+            _PS,
+            capture_output=True,
+            text=True,
+            timeout=_PS_S,
+            check=False,
         )
         for line in done.stdout.splitlines():
             pid, parent, state = line.split()

@@ -19,7 +19,11 @@ _WITHOUT_ROBOT = "the virtual hub needs none of it"
 Answer = tuple[Outcome, str]
 
 
-def run_check(name: str, check: Callable[[], Answer], timeout_s: float) -> Finding:
+def run_check(
+    name: str,
+    check: Callable[[], Answer],
+    timeout_s: float,
+) -> Finding:
     """Finding of a check, also if it raises or exceeds the timeout; it is then left running in its
     thread."""
     answers: list[Answer] = []

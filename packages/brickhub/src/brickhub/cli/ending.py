@@ -42,7 +42,11 @@ def end_after(duration_s: float) -> None:
         kill_frozen(os.getpid())
         os._exit(INTERRUPTED)
 
-    threading.Thread(target=end, name="brickhub-deadline", daemon=True).start()
+    threading.Thread(
+        target=end,
+        name="brickhub-deadline",
+        daemon=True,
+    ).start()
 
 
 @dataclass
@@ -94,7 +98,11 @@ def ended_in_time() -> Iterator[End]:
         tell.close()
 
 
-def _watch_signals(source: socket.socket, numbers: frozenset[int], end: End) -> None:
+def _watch_signals(
+    source: socket.socket,
+    numbers: frozenset[int],
+    end: End,
+) -> None:
     """Set the deadline at the first signal that ends the command, or at the last Ctrl-C that it
     waits for."""
     interrupts = 0
@@ -111,7 +119,10 @@ def _watch_signals(source: socket.socket, numbers: frozenset[int], end: End) -> 
                 return
             if number == signal.SIGINT:
                 threading.Thread(
-                    target=_answer_interrupt, args=(end,), name="brickhub-interrupt", daemon=True
+                    target=_answer_interrupt,
+                    args=(end,),
+                    name="brickhub-interrupt",
+                    daemon=True,
                 ).start()
 
 
@@ -156,7 +167,11 @@ def end_with_parent() -> None:
         else:
             interrupt_main()
 
-    threading.Thread(target=watch, name="brickhub-parent", daemon=True).start()
+    threading.Thread(
+        target=watch,
+        name="brickhub-parent",
+        daemon=True,
+    ).start()
 
 
 def wait_for_end() -> None:

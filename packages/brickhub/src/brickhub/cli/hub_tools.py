@@ -97,7 +97,14 @@ class Scan(SavesNothing):
         if not 0 < self.seconds <= 600:
             raise DescriptionError(f"seconds is {self.seconds:g}; give a number from 0 to 600")
         if self.hub == "virtual":
-            hubs = [FoundHub("virtual hub", "virtual", 0, HubKind.PRIME)]
+            hubs = [
+                FoundHub(
+                    "virtual hub",
+                    "virtual",
+                    0,
+                    HubKind.PRIME,
+                )
+            ]
         else:
             hubs = scan(self.seconds)
         # An empty list is a result too, for a program that reads it.
@@ -206,7 +213,12 @@ class MeasureLatency(SavesNothing):
 
     def execute(self) -> None:
         target = find(self.target)
-        transport = _transport(self.hub, target, self.link, self.fault)
+        transport = _transport(
+            self.hub,
+            target,
+            self.link,
+            self.fault,
+        )
         with HubLink(transport, target.robot, target.interface) as link:
             result = measure(link, target.interface, self.exchanges)
         if self.json:
@@ -270,7 +282,12 @@ class Check(SavesNothing):
         # With --yes, nobody is there who could look.
         is_right = None if self.yes else was_right
         if target.robot.hub.model.runs_programs:
-            transport = _transport(self.hub, target, self.link, self.fault)
+            transport = _transport(
+                self.hub,
+                target,
+                self.link,
+                self.fault,
+            )
             findings = check_robot(
                 transport,
                 target.robot,
@@ -283,12 +300,27 @@ class Check(SavesNothing):
         else:
             from brickhub.kits.kit_preflight import check_kit
 
-            radio = _reach(self.hub, target, self.link, self.fault)
+            radio = _reach(
+                self.hub,
+                target,
+                self.link,
+                self.fault,
+            )
             findings = check_kit(
-                radio, target.robot, target.interface, may_move=may_move, is_right=is_right
+                radio,
+                target.robot,
+                target.interface,
+                may_move=may_move,
+                is_right=is_right,
             )
         # The checks run here, one before each line.
-        code = print_findings(findings, (9, 18), as_json=self.json, env=target.name, hub=self.hub)
+        code = print_findings(
+            findings,
+            (9, 18),
+            as_json=self.json,
+            env=target.name,
+            hub=self.hub,
+        )
         if not self.json:
             print_line("not ready: see the errors above" if code else f"ready for {target.name}")
         return code
@@ -361,7 +393,12 @@ class Calibrate:
                 calibration = kept.Calibration(saved.zeros_deg | zeros_deg, saved.reversed)
         finally:
             transport.close()
-        path = kept.save_calibration(hub, target.robot, calibration, self.calibrations)
+        path = kept.save_calibration(
+            hub,
+            target.robot,
+            calibration,
+            self.calibrations,
+        )
         for name, zero_deg in sorted(calibration.zeros_deg.items()):
             print_line(f"zero     {name:12}{zero_deg} deg")
         for name in sorted(calibration.reversed):
@@ -382,7 +419,12 @@ class Calibrate:
                 f"'{both[0]}' cannot be reversed and as described; leave one out"
             )
 
-    def _zeros_deg(self, transport: Transport, robot: Robot, saved: Calibration) -> dict[str, int]:
+    def _zeros_deg(
+        self,
+        transport: Transport,
+        robot: Robot,
+        saved: Calibration,
+    ) -> dict[str, int]:
         # Angles from zeros of before would make new ones of their differences; directions stay.
         uncalibrated = calibrated(robot, dataclasses.replace(saved, zeros_deg={}))
         joints = [motor for motor in uncalibrated.motors if motor.range_deg is not None]
@@ -416,7 +458,12 @@ class Calibrate:
         return zeros_deg
 
 
-def _reach(hub: str, target: Target, link: str | None, faults: Sequence[str]) -> Any:
+def _reach(
+    hub: str,
+    target: Target,
+    link: str | None,
+    faults: Sequence[str],
+) -> Any:
     """An unopened transport to a hub, or a radio to devices of LEGO's kits. ``link``: that of a
     virtual one, by name, and its faults. Raises DescriptionError if a real one is given such."""
     from brickhub.kits.radio import real_radio
@@ -441,7 +488,10 @@ def _reach(hub: str, target: Target, link: str | None, faults: Sequence[str]) ->
 
 
 def _transport(
-    hub: str, target: Target, link: str | None = None, faults: Sequence[str] = ()
+    hub: str,
+    target: Target,
+    link: str | None = None,
+    faults: Sequence[str] = (),
 ) -> Transport:
     """An unopened transport to a hub, as `_reach`. Raises DescriptionError for a robot of LEGO's
     kits."""

@@ -59,7 +59,10 @@ def keys_heard(on_key: Callable[[str], None], source: Input | None = None) -> It
                         on_key(key)
 
     thread = threading.Thread(
-        target=listen, args=(source or create_input(),), name="bricksrl-keys", daemon=True
+        target=listen,
+        args=(source or create_input(),),
+        name="bricksrl-keys",
+        daemon=True,
     )
     thread.start()
     # From here on no key is echoed, or lost to a line that the terminal collects.

@@ -154,7 +154,11 @@ class Run:
                 operation=operation,
             )
 
-    def _without_files(self, out: BinaryIO, stack: ExitStack) -> BinaryIO:
+    def _without_files(
+        self,
+        out: BinaryIO,
+        stack: ExitStack,
+    ) -> BinaryIO:
         """A stream for the program's output, which saves the files in it beside the program and
         writes all else to ``out``."""
         from brickhub.hub.program.program_files import ProgramFiles
@@ -218,7 +222,11 @@ class Run:
         needs."""
         return None
 
-    def _operation(self, stack: ExitStack, body: Body | None) -> Operation:
+    def _operation(
+        self,
+        stack: ExitStack,
+        body: Body | None,
+    ) -> Operation:
         """What a person does; a body has its end stops."""
         from brickhub.cli.key_listener import can_listen, keys_heard
         from brickhub.virtual.given_readings import parse_device, parse_end_stop, parse_reading

@@ -34,7 +34,11 @@ def print_note(line: str) -> None:
 
 
 def print_findings(
-    findings: Iterable[Finding], widths: tuple[int, int], *, as_json: bool = False, **about: str
+    findings: Iterable[Finding],
+    widths: tuple[int, int],
+    *,
+    as_json: bool = False,
+    **about: str,
 ) -> int:
     """Print each finding as it is made, in columns of these ``widths``, or all as one JSON object
     with the names and values in ``about``. Returns the exit code: 1 if a finding is an error, else
@@ -150,7 +154,11 @@ def _byte_of_thread(handle: int) -> bytes:
             read.put(b"")
 
     # A daemon, as it may wait for ever: the process must be able to end.
-    threading.Thread(target=read_one, name="answer", daemon=True).start()
+    threading.Thread(
+        target=read_one,
+        name="answer",
+        daemon=True,
+    ).start()
     try:
         return read.get(timeout=_PIPE_S)
     except queue.Empty:

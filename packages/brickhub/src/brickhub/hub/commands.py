@@ -67,7 +67,12 @@ class WireNumber:
     @property
     def entry(self) -> Entry:
         """Name, range and unit."""
-        return Entry(self.name, self.low, self.high, self.unit)
+        return Entry(
+            self.name,
+            self.low,
+            self.high,
+            self.unit,
+        )
 
     def in_mirror(self, robot: Robot) -> tuple[str, int]:
         """Name of the number in whose place it is in a mirror from left to right, and its factor
@@ -121,7 +126,11 @@ class Command(WireNumber, ABC):
         """Names of the motors and sensors that the hub program needs for the command."""
         return self.motors(robot)
 
-    def turns_deg(self, robot: Robot, amount: float) -> tuple[float, ...]:
+    def turns_deg(
+        self,
+        robot: Robot,
+        amount: float,
+    ) -> tuple[float, ...]:
         """Angle that each of its motors turns by; for an endless move, at least in one second."""
         return ()
 
@@ -130,7 +139,11 @@ class Command(WireNumber, ABC):
         several commands occur once."""
         return ()
 
-    def start(self, robot: Robot, amounts: Mapping[str, str]) -> str:
+    def start(
+        self,
+        robot: Robot,
+        amounts: Mapping[str, str],
+    ) -> str:
         """Statement of the hub program that starts the move, without waiting for its end.
         ``amounts``: expressions of all commands of one ``call``, by their names."""
         return self.code.format(self, amounts[self.name])
@@ -183,10 +196,18 @@ class RunAngle(_MotorCommand):
                 f": speed {self.speed_deg_s} deg/s; give a positive one, the sign is the angle's"
             )
 
-    def turns_deg(self, robot: Robot, amount: float) -> tuple[float, ...]:
+    def turns_deg(
+        self,
+        robot: Robot,
+        amount: float,
+    ) -> tuple[float, ...]:
         return (amount,)
 
-    def start(self, robot: Robot, amounts: Mapping[str, str]) -> str:
+    def start(
+        self,
+        robot: Robot,
+        amounts: Mapping[str, str],
+    ) -> str:
         # A motor with a range is a Joint on the hub, which keeps its targets within it.
         if robot.motor(self.motor).range_deg is not None:
             return f"{self.mover}.turn({self.speed_deg_s}, {amounts[self.name]})"
@@ -206,7 +227,11 @@ class _Endless(_MotorCommand):
                 "TrackTarget"
             )
 
-    def turns_deg(self, robot: Robot, amount: float) -> tuple[float, ...]:
+    def turns_deg(
+        self,
+        robot: Robot,
+        amount: float,
+    ) -> tuple[float, ...]:
         return (_test_turn_deg(amount),)
 
 
@@ -262,7 +287,11 @@ class TrackTarget(_MotorCommand):
                 f" ranges from {self.low:g} to {self.high:g} deg, {beyond}; stay within"
             )
 
-    def turns_deg(self, robot: Robot, amount: float) -> tuple[float, ...]:
+    def turns_deg(
+        self,
+        robot: Robot,
+        amount: float,
+    ) -> tuple[float, ...]:
         # It may be at its target already.
         return (0.0,)
 
@@ -292,7 +321,11 @@ class _DriveBaseCommand(Command):
         base = drive_base(robot, self.name)
         return base.left, base.right
 
-    def wheel_turns_deg(self, robot: Robot, amount: float) -> tuple[float, ...]:
+    def wheel_turns_deg(
+        self,
+        robot: Robot,
+        amount: float,
+    ) -> tuple[float, ...]:
         """Angle that each wheel turns by; for an endless move, in one second."""
         base = drive_base(robot, self.name)
         # On the spot, the wheels roll along a circle whose diameter is the axle track. Clockwise,
@@ -302,7 +335,11 @@ class _DriveBaseCommand(Command):
             return turn_deg, -turn_deg
         return (base.turn_deg(amount),) * 2
 
-    def turns_deg(self, robot: Robot, amount: float) -> tuple[float, ...]:
+    def turns_deg(
+        self,
+        robot: Robot,
+        amount: float,
+    ) -> tuple[float, ...]:
         return self.wheel_turns_deg(robot, amount)
 
     def setup(self, robot: Robot) -> tuple[str, ...]:
@@ -354,7 +391,11 @@ class Curve(_DriveBaseCommand):
                 f": a radius of {self.radius_mm} mm; give 10 or more, or Turn on the spot"
             )
 
-    def turns_deg(self, robot: Robot, amount: float) -> tuple[float, ...]:
+    def turns_deg(
+        self,
+        robot: Robot,
+        amount: float,
+    ) -> tuple[float, ...]:
         base = drive_base(robot, self.name)
         # Lengths of arcs, as an angle (deg) times a radius (mm): that of the robot's centre, and
         # what the left wheel rolls beyond it, the right one less.
@@ -373,10 +414,18 @@ class _Drive(_DriveBaseCommand):
     ends: ClassVar[bool] = False
     call: ClassVar[str] = "drive"
 
-    def turns_deg(self, robot: Robot, amount: float) -> tuple[float, ...]:
+    def turns_deg(
+        self,
+        robot: Robot,
+        amount: float,
+    ) -> tuple[float, ...]:
         return tuple(map(_test_turn_deg, self.wheel_turns_deg(robot, amount)))
 
-    def start(self, robot: Robot, amounts: Mapping[str, str]) -> str:
+    def start(
+        self,
+        robot: Robot,
+        amounts: Mapping[str, str],
+    ) -> str:
         # ``drive`` takes both; who commands one of them alone leaves the other at 0.
         speed = amounts.get(DriveSpeed.name, "0")
         turn_rate = amounts.get(DriveTurnRate.name, "0")
@@ -484,7 +533,11 @@ class LightBrightness(Command):
     def devices(self, robot: Robot) -> tuple[str, ...]:
         return (self.sensor,)
 
-    def start(self, robot: Robot, amounts: Mapping[str, str]) -> str:
+    def start(
+        self,
+        robot: Robot,
+        amounts: Mapping[str, str],
+    ) -> str:
         light = robot.sensor(self.sensor).kind.model.light
         return f"sensor_{self.sensor}.{light}({amounts[self.name]})"
 

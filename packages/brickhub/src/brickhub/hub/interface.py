@@ -135,7 +135,14 @@ class Channel(WireNumber, ABC):
 
     @property
     def entry(self) -> Entry:
-        return Entry(self.name, self.low, self.high, self.unit, self.limits, self.wraps)
+        return Entry(
+            self.name,
+            self.low,
+            self.high,
+            self.unit,
+            self.limits,
+            self.wraps,
+        )
 
     @abstractmethod
     def check(self, robot: Robot) -> None:

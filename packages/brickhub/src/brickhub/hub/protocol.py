@@ -163,7 +163,11 @@ class WireFormat:
         down_frame_bytes, answer_bytes: size of a frame with actions, and of an answer's payload.
     """
 
-    def __init__(self, interface: Interface, robot: Robot | None = None) -> None:
+    def __init__(
+        self,
+        interface: Interface,
+        robot: Robot | None = None,
+    ) -> None:
         self._commands = interface.commands
         self._channels = interface.channels
         self._scales = [channel.scale for channel in interface.channels]
@@ -215,7 +219,12 @@ class WireFormat:
         """Names of the channels of an answer that are at an end of what 16 bits hold, or beyond."""
         _, *numbers = struct.unpack(self.answer_format, payload)
         names = []
-        for number, is_wide, channel in zip(numbers, self._are_wide, self._channels, strict=True):
+        for number, is_wide, channel in zip(
+            numbers,
+            self._are_wide,
+            self._channels,
+            strict=True,
+        ):
             is_at_end = number in (_INT16_LOW, _INT16_HIGH)
             # No robot ever counts beyond 32 bits.
             if is_at_end and not is_wide:
@@ -234,7 +243,11 @@ class FrameDecoder:
         skipped_bytes: bytes that belonged to no frame.
     """
 
-    def __init__(self, data_payload_bytes: int, control_payload_bytes: Mapping[int, int]) -> None:
+    def __init__(
+        self,
+        data_payload_bytes: int,
+        control_payload_bytes: Mapping[int, int],
+    ) -> None:
         self.crc_errors = 0
         self.skipped_bytes = 0
         self._data_size = DATA_OVERHEAD + data_payload_bytes

@@ -48,4 +48,10 @@ def check_kit(
             slow = (is_slow, Outcome.WARNING, remedy)
             yield judged(f"reports {ports}", f"{rate_hz:.0f} a second", slow)
         # Last, as only these move something, and need a person.
-        yield from check_moves(link, robot, interface, may_move, is_right)
+        yield from check_moves(
+            link,
+            robot,
+            interface,
+            may_move,
+            is_right,
+        )

@@ -169,11 +169,21 @@ def encode_info(product: Product, packet_bytes: int = 244) -> bytes:
     firmware = (1, 0, 0)
     bootloader = (1, 0, 0)
     return struct.pack(
-        f"<B{_INFO}", number, *RPC_VERSION, *firmware, *bootloader, packet_bytes, product
+        f"<B{_INFO}",
+        number,
+        *RPC_VERSION,
+        *firmware,
+        *bootloader,
+        packet_bytes,
+        product,
     )
 
 
-def encode_answer(number: int, status: int, motors: int | None = None) -> bytes:
+def encode_answer(
+    number: int,
+    status: int,
+    motors: int | None = None,
+) -> bytes:
     """Answer of a command that ended, with its motors if it has any."""
     return bytes((number, status) if motors is None else (number, motors, status))
 

@@ -21,7 +21,9 @@ class VirtualTransport(BLETransport):  # type: ignore[misc]  # the package has n
     _bluetooth: BLETransport | None = None
 
     async def scan_devices(
-        self, timeout: float, filters: Mapping[str, Any] | None = None
+        self,
+        timeout: float,
+        filters: Mapping[str, Any] | None = None,
     ) -> list[Any]:
         """Virtual devices of the wanted product that nobody is connected to, at once; their card is
         the one that is asked for. Where no virtual kit is in reach, real devices."""
@@ -35,7 +37,10 @@ class VirtualTransport(BLETransport):  # type: ignore[misc]  # the package has n
         return found
 
     async def connect(
-        self, device: Any, notification_callback: Any, disconnect_callback: Any
+        self,
+        device: Any,
+        notification_callback: Any,
+        disconnect_callback: Any,
     ) -> bool:
         if not _is_virtual(device):
             return bool(
@@ -43,7 +48,11 @@ class VirtualTransport(BLETransport):  # type: ignore[misc]  # the package has n
             )
         return bool(device.connect(notification_callback, disconnect_callback))
 
-    async def send(self, device: Any, message: bytes) -> None:
+    async def send(
+        self,
+        device: Any,
+        message: bytes,
+    ) -> None:
         if _is_virtual(device):
             device.send(bytes(message))
         else:

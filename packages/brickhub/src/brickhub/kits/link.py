@@ -48,7 +48,11 @@ class _Device:
     """One device, connected or not: LEGO's object, when its last report came, and the last one of a
     connection event before."""
 
-    def __init__(self, part: KitPart, radio: Radio) -> None:
+    def __init__(
+        self,
+        part: KitPart,
+        radio: Radio,
+    ) -> None:
         self.part = part
         self._radio = radio
         # LEGO's classes have the names of the products, such as DoubleMotor.
@@ -119,7 +123,12 @@ class KitLink(RobotLink):
         DescriptionError: a command does not end by itself, or no device reports a channel.
     """
 
-    def __init__(self, radio: Radio, robot: Robot, interface: kinds.Interface) -> None:
+    def __init__(
+        self,
+        radio: Radio,
+        robot: Robot,
+        interface: kinds.Interface,
+    ) -> None:
         super().__init__(HOLD_S)
         self._radio = radio
         self._robot = robot
@@ -280,7 +289,13 @@ class KitLink(RobotLink):
             with self._sending(device), device.lego.batch(blocking=False):
                 for motor, index in motors:
                     speed_deg_s, angle_deg = moves[motor.name]
-                    self._start_motor(device.lego, motor, index, speed_deg_s, angle_deg)
+                    self._start_motor(
+                        device.lego,
+                        motor,
+                        index,
+                        speed_deg_s,
+                        angle_deg,
+                    )
 
     def _moves_of(self, amounts: list[float]) -> dict[str, Move]:
         """Moves of the motors, by name, in a step."""
@@ -294,7 +309,12 @@ class KitLink(RobotLink):
         return moves
 
     def _start_motor(
-        self, lego: Any, motor: Motor, index: int, speed_deg_s: float, angle_deg: float | None
+        self,
+        lego: Any,
+        motor: Motor,
+        index: int,
+        speed_deg_s: float,
+        angle_deg: float | None,
     ) -> None:
         # Version 1.2.0 of the package rounds a negative number to the next larger one, -20 to -19:
         # only directions are exact.
@@ -345,7 +365,12 @@ class KitLink(RobotLink):
     def _age_s(self, device: _Device) -> float:
         return self.now_s() - device.arrived_s
 
-    def _await_reports(self, since_s: float, *, under_commands: bool = False) -> None:
+    def _await_reports(
+        self,
+        since_s: float,
+        *,
+        under_commands: bool = False,
+    ) -> None:
         """Wait until each device has reported after a time, or under the commands that were given
         then. Raises HubDisconnectedError or HubTimeoutError if one is lost."""
         for device in self.devices.values():
@@ -388,7 +413,12 @@ class KitLink(RobotLink):
         round_trip_s = now_s - started_s
         self.statistics.record(round_trip_s, age_s)
         time_ms = round(1000 * (now_s - self._opened_s))
-        return Reading(tuple(values), time_ms, round_trip_s, age_s)
+        return Reading(
+            tuple(values),
+            time_ms,
+            round_trip_s,
+            age_s,
+        )
 
 
 def _check(robot: Robot, interface: kinds.Interface) -> None:
@@ -423,7 +453,9 @@ def _note(loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
 
 
 def _rolled(
-    robot: Robot, command: kinds.DriveStraight | kinds.Turn, amount: float
+    robot: Robot,
+    command: kinds.DriveStraight | kinds.Turn,
+    amount: float,
 ) -> dict[str, Move]:
     names = command.motors(robot)
     turns_deg = command.wheel_turns_deg(robot, amount)
@@ -431,7 +463,9 @@ def _rolled(
 
 
 def _driven(
-    robot: Robot, command: kinds.DriveSpeed | kinds.DriveTurnRate, rate: float
+    robot: Robot,
+    command: kinds.DriveSpeed | kinds.DriveTurnRate,
+    rate: float,
 ) -> dict[str, Move]:
     # Degrees of the wheels for a distance or an angle are, of a rate, degrees a second.
     names = command.motors(robot)
@@ -439,11 +473,19 @@ def _driven(
     return {name: (speed, None) for name, speed in zip(names, speeds_deg_s, strict=True)}
 
 
-def _turned(_robot: Robot, command: kinds.RunAngle, angle_deg: float) -> dict[str, Move]:
+def _turned(
+    _robot: Robot,
+    command: kinds.RunAngle,
+    angle_deg: float,
+) -> dict[str, Move]:
     return {command.motor: (command.speed_deg_s, angle_deg)}
 
 
-def _run(_robot: Robot, command: kinds.RunSpeed, speed_deg_s: float) -> dict[str, Move]:
+def _run(
+    _robot: Robot,
+    command: kinds.RunSpeed,
+    speed_deg_s: float,
+) -> dict[str, Move]:
     return {command.motor: (speed_deg_s, None)}
 
 

@@ -59,7 +59,9 @@ class KitPart:
 
 
 def parts(
-    hub: AnyHub, motor_ports: Iterable[str], sensor_ports: Iterable[str]
+    hub: AnyHub,
+    motor_ports: Iterable[str],
+    sensor_ports: Iterable[str],
 ) -> tuple[KitPart, ...]:
     """The devices for motors and color sensors on these ports. Raises DescriptionError if a motor
     of the first one is missing."""
@@ -95,7 +97,11 @@ class Radio(Protocol):
     def search(self, part: KitPart) -> dict[str, Any]:
         """Arguments of ``connect`` in LEGO's package that find a device."""
 
-    def run(self, function: Callable[[], _T], limit_s: float | None = None) -> _T:
+    def run(
+        self,
+        function: Callable[[], _T],
+        limit_s: float | None = None,
+    ) -> _T:
         """What a function returns that waits for a device. Raises HubTimeoutError after a time."""
 
     def now_s(self) -> float:
@@ -132,10 +138,18 @@ class RealRadio:
             "card_serial": serial,
         }
 
-    def run(self, function: Callable[[], _T], limit_s: float | None = None) -> _T:
+    def run(
+        self,
+        function: Callable[[], _T],
+        limit_s: float | None = None,
+    ) -> _T:
         # In a thread that can be left behind, as the package may wait for a device for ever.
         future: concurrent.futures.Future[_T] = concurrent.futures.Future()
-        threading.Thread(target=settle, args=(future, function), daemon=True).start()
+        threading.Thread(
+            target=settle,
+            args=(future, function),
+            daemon=True,
+        ).start()
         if not is_done(future, limit_s):
             raise HubTimeoutError(
                 f"a device did not answer within {limit_s:g} s; check that it is on and near"

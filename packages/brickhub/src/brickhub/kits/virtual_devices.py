@@ -94,7 +94,11 @@ class KitDevice:
 
     product: protocol.Product
 
-    def __init__(self, machine: Machine, part: KitPart) -> None:
+    def __init__(
+        self,
+        machine: Machine,
+        part: KitPart,
+    ) -> None:
         self.part = part
         self.address = f"virtual-{part.ports or 'controller'}"
         self.name = self.product.title
@@ -176,7 +180,11 @@ class KitDevice:
         # Not that of a subclass: moves end after a control step, not within a command.
         KitDevice.update(self)
 
-    def _answer(self, message: protocol.Message, status: int = protocol.Done.COMPLETED) -> None:
+    def _answer(
+        self,
+        message: protocol.Message,
+        status: int = protocol.Done.COMPLETED,
+    ) -> None:
         motors = message.values.get("motors")
         self.outbox.append(protocol.encode_answer(message.answer_number, status, motors))
 
@@ -211,7 +219,11 @@ class SingleMotor(KitDevice):
 
     product = protocol.Product.SINGLE_MOTOR
 
-    def __init__(self, machine: Machine, part: KitPart) -> None:
+    def __init__(
+        self,
+        machine: Machine,
+        part: KitPart,
+    ) -> None:
         super().__init__(machine, part)
         # Commands name motors by bits, so that one can name several.
         self._servos: dict[int, Servo] = {}
@@ -247,7 +259,12 @@ class SingleMotor(KitDevice):
         self.disconnect()
         super().connect()
         for servo in self._servos.values():
-            servo.setup(Direction.CLOCKWISE, 1000, reset_angle=False, profile_deg=0)
+            servo.setup(
+                Direction.CLOCKWISE,
+                1000,
+                reset_angle=False,
+                profile_deg=0,
+            )
 
     def disconnect(self) -> None:
         super().disconnect()
@@ -341,7 +358,11 @@ class SingleMotor(KitDevice):
         servos = [self._servos[bit] for bit in drives]
         return lambda: all(servo.is_done() for servo in servos)
 
-    def _stop_after(self, time_ms: int, drives: Mapping[int, _Drive]) -> Callable[[], bool]:
+    def _stop_after(
+        self,
+        time_ms: int,
+        drives: Mapping[int, _Drive],
+    ) -> Callable[[], bool]:
         """Condition that holds after a time, and then stops motors."""
         end_ms = self._machine.time_ms + time_ms
 
@@ -380,7 +401,13 @@ class SingleMotor(KitDevice):
         drives = self._named(message)
         share = -1.0 if message.values["direction"] == _COUNTERCLOCKWISE else 1.0
         shares = dict.fromkeys(drives, share)
-        self._start(message, drives, shares, time_ms=time_ms, angle_deg=angle_deg)
+        self._start(
+            message,
+            drives,
+            shares,
+            time_ms=time_ms,
+            angle_deg=angle_deg,
+        )
 
     def _run_for_time(self, message: protocol.Message) -> None:
         self._run(message, time_ms=message.values["time_ms"])
@@ -388,7 +415,11 @@ class SingleMotor(KitDevice):
     def _run_for_degrees(self, message: protocol.Message) -> None:
         self._run(message, lambda _bit: message.values["degrees"])
 
-    def _run_by(self, message: protocol.Message, angle_deg: Callable[[Servo], float]) -> None:
+    def _run_by(
+        self,
+        message: protocol.Message,
+        angle_deg: Callable[[Servo], float],
+    ) -> None:
         """Turn each motor by an angle at the magnitude of its speed."""
         drives = self._named(message)
         # The sign of the angle says where; a second one, of the speed, would turn it round.
@@ -399,7 +430,12 @@ class SingleMotor(KitDevice):
         def angle_of(bit: int) -> float:
             return angle_deg(self._servos[bit])
 
-        self._start(message, drives, shares, angle_deg=angle_of)
+        self._start(
+            message,
+            drives,
+            shares,
+            angle_deg=angle_of,
+        )
 
     def _run_to_absolute(self, message: protocol.Message) -> None:
         direction = message.values["direction"]
@@ -428,7 +464,11 @@ class SingleMotor(KitDevice):
         duty_pct = trunc(message.values["duty"] / 100)  # in 0.01 % in the message
         self._set(message, lambda servo: servo.dc(duty_pct))
 
-    def _set(self, message: protocol.Message, change: Callable[[Servo], None]) -> None:
+    def _set(
+        self,
+        message: protocol.Message,
+        change: Callable[[Servo], None],
+    ) -> None:
         """Change each motor, which ends what it does."""
         drives = self._named(message)
         self._interrupt(drives)
@@ -439,7 +479,11 @@ class SingleMotor(KitDevice):
         self._interrupt(drives)
         self._halt(drives)
 
-    def _set_speed(self, message: protocol.Message, drives: Mapping[int, _Drive]) -> None:
+    def _set_speed(
+        self,
+        message: protocol.Message,
+        drives: Mapping[int, _Drive],
+    ) -> None:
         for bit, drive in drives.items():
             drive.speed_pct = message.values["speed"]
             # A new speed acts at once on an endless move, and on the next one otherwise.
@@ -447,12 +491,20 @@ class SingleMotor(KitDevice):
             if share is not None:
                 self._servos[bit].run(drive.speed_deg_s(share))
 
-    def _set_end_state(self, message: protocol.Message, drives: Mapping[int, _Drive]) -> None:
+    def _set_end_state(
+        self,
+        message: protocol.Message,
+        drives: Mapping[int, _Drive],
+    ) -> None:
         name = _END_STATES[message.values["end_state"]]
         for drive in drives.values():
             drive.then = OnCompletion[name]
 
-    def _set_acceleration(self, message: protocol.Message, drives: Mapping[int, _Drive]) -> None:
+    def _set_acceleration(
+        self,
+        message: protocol.Message,
+        drives: Mapping[int, _Drive],
+    ) -> None:
         # The firmware refuses an acceleration of 0.
         acceleration_pct = max(message.values["acceleration"], 1)
         deceleration_pct = max(message.values["deceleration"], 1)
@@ -482,7 +534,11 @@ class DoubleMotor(SingleMotor):
 
     product = protocol.Product.DOUBLE_MOTOR
 
-    def __init__(self, machine: Machine, part: KitPart) -> None:
+    def __init__(
+        self,
+        machine: Machine,
+        part: KitPart,
+    ) -> None:
         super().__init__(machine, part)
         # One value for both: what is set for the pair holds for the pair.
         settings_of_pair = _Drive()
@@ -569,14 +625,28 @@ class DoubleMotor(SingleMotor):
     def _move_for_time(self, message: protocol.Message) -> None:
         shares = self._shares(message)
         time_ms = message.values["time_ms"]
-        self._start(message, self._pair, shares, time_ms=time_ms)
+        self._start(
+            message,
+            self._pair,
+            shares,
+            time_ms=time_ms,
+        )
 
     def _move_for_degrees(self, message: protocol.Message) -> None:
         shares = self._shares(message)
         degrees = message.values["degrees"]
-        self._start(message, self._pair, shares, angle_deg=lambda _bit: degrees)
+        self._start(
+            message,
+            self._pair,
+            shares,
+            angle_deg=lambda _bit: degrees,
+        )
 
-    def _tank(self, message: protocol.Message, degrees: int | None) -> None:
+    def _tank(
+        self,
+        message: protocol.Message,
+        degrees: int | None,
+    ) -> None:
         """Move at two speeds, by ``degrees`` of the faster motor."""
         left = -message.values["left"] / 100
         right = message.values["right"] / 100
@@ -594,7 +664,12 @@ class DoubleMotor(SingleMotor):
         def angle_deg(bit: int) -> float:
             return degrees * abs(shares[bit]) / fastest
 
-        self._start(message, drives, shares, angle_deg=angle_deg)
+        self._start(
+            message,
+            drives,
+            shares,
+            angle_deg=angle_deg,
+        )
 
     def _turn(self, message: protocol.Message) -> None:
         """Turn by the IMU: slow down where the rest of the turn is as long as that takes, and
@@ -631,7 +706,12 @@ class DoubleMotor(SingleMotor):
         self._steering_pct = 100
         shares = self._shares(message)
         self._steering_pct = steering_pct
-        self._start(message, self._pair, shares, until=is_done)
+        self._start(
+            message,
+            self._pair,
+            shares,
+            until=is_done,
+        )
 
 
 class ColorSensor(KitDevice):
@@ -639,7 +719,11 @@ class ColorSensor(KitDevice):
 
     product = protocol.Product.COLOR_SENSOR
 
-    def __init__(self, machine: Machine, part: KitPart) -> None:
+    def __init__(
+        self,
+        machine: Machine,
+        part: KitPart,
+    ) -> None:
         super().__init__(machine, part)
         self._plug = Plug(machine, part.ports)
         self._mode = _DETECT
@@ -673,7 +757,11 @@ class Controller(KitDevice):
 
     product = protocol.Product.CONTROLLER
 
-    def __init__(self, machine: Machine, part: KitPart) -> None:
+    def __init__(
+        self,
+        machine: Machine,
+        part: KitPart,
+    ) -> None:
         super().__init__(machine, part)
         self.levers_pct = (0, 0)
 
@@ -703,5 +791,9 @@ def _along(vector: tuple[float, float, float], face: int) -> float:
     return sum(a * b for a, b in zip(vector, direction, strict=True))
 
 
-def _clamp(value: float, low: int, high: int) -> int:
+def _clamp(
+    value: float,
+    low: int,
+    high: int,
+) -> int:
     return max(low, min(high, round(value)))

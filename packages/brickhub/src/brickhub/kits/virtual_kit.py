@@ -44,7 +44,12 @@ class Peer:
     ``seed``: of their delays.
     """
 
-    def __init__(self, kit: "VirtualKit", device: KitDevice, seed: int) -> None:
+    def __init__(
+        self,
+        kit: "VirtualKit",
+        device: KitDevice,
+        seed: int,
+    ) -> None:
         self.device = device
         self.name = device.name
         self.address = device.address
@@ -61,7 +66,11 @@ class Peer:
 
     # ---- in the thread of LEGO's package
 
-    def connect(self, notify: Callable[[Any, bytes], Any], gone: Callable[[], None]) -> bool:
+    def connect(
+        self,
+        notify: Callable[[Any, bytes], Any],
+        gone: Callable[[], None],
+    ) -> bool:
         """Connect; returns whether the device is in reach."""
         kit = self._kit
         with kit.awake:
@@ -246,7 +255,11 @@ class VirtualKit:
         while self.machine.time_ms < end_ms:
             self._tick()
 
-    def run(self, function: Callable[[], _T], limit_s: float | None = None) -> _T:
+    def run(
+        self,
+        function: Callable[[], _T],
+        limit_s: float | None = None,
+    ) -> _T:
         """Run a function that uses LEGO's package, in a thread; the world goes on while it waits.
         Returns what it returns, and raises what it raises, HubTimeoutError after ``limit_s``."""
         future: concurrent.futures.Future[_T] = concurrent.futures.Future()
@@ -262,7 +275,11 @@ class VirtualKit:
         if limit_s is not None:
             limit_ms = self.machine.time_ms + limit_s * 1000
         # A daemon, as a program that computes for ever cannot be ended.
-        threading.Thread(target=work, name="program", daemon=True).start()
+        threading.Thread(
+            target=work,
+            name="program",
+            daemon=True,
+        ).start()
         try:
             while not future.done():
                 self._go_on()
@@ -357,12 +374,21 @@ VirtualRobot = VirtualHub | VirtualKit
 
 
 def virtual_robot(
-    body: Body, *, realtime: bool = False, link: LinkProfile | None = None, seed: int = 0
+    body: Body,
+    *,
+    realtime: bool = False,
+    link: LinkProfile | None = None,
+    seed: int = 0,
 ) -> VirtualRobot:
     """The virtual hub, or the virtual devices of LEGO's kits, of a robot's body. ``link``: in place
     of the body's, with its random ``seed``."""
     make = VirtualHub if body.robot.hub.model.runs_programs else VirtualKit
-    robot = make(body, realtime=realtime, link=link, seed=seed)
+    robot = make(
+        body,
+        realtime=realtime,
+        link=link,
+        seed=seed,
+    )
     if isinstance(body, FaultyBody) and body.link_breaks_s is not None:
         robot.in_reach = BreakingLink(body.link_breaks_s, robot.now_s)
     return robot

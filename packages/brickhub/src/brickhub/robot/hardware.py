@@ -296,10 +296,25 @@ class MotorKind(_Kind):
     TECHNIC_L = MotorModel("technic-l", 46)
     TECHNIC_XL = MotorModel("technic-xl", 47)
     INTERACTIVE = MotorModel("interactive", 38, is_absolute=False)
-    MOVE_HUB = MotorModel("move-hub", 39, case="interactive", is_absolute=False)
+    MOVE_HUB = MotorModel(
+        "move-hub",
+        39,
+        case="interactive",
+        is_absolute=False,
+    )
     # Plain motors, of which a hub knows no angle: only a duty cycle can be set.
-    MEDIUM_LINEAR = MotorModel("medium-linear", 1, like="technic-l", has_encoder=False)
-    TRAIN = MotorModel("train", 2, like="technic-l", has_encoder=False)
+    MEDIUM_LINEAR = MotorModel(
+        "medium-linear",
+        1,
+        like="technic-l",
+        has_encoder=False,
+    )
+    TRAIN = MotorModel(
+        "train",
+        2,
+        like="technic-l",
+        has_encoder=False,
+    )
 
 
 class Sense(enum.StrEnum):
@@ -355,10 +370,17 @@ class SensorKind(_Kind):
 
     # Its distance is no reading among others: a ``Distance`` has a noise of its own in a twin.
     ULTRASONIC = SensorModel(
-        "UltrasonicSensor", 62, (Sense.DISTANCE,), range_mm=(40, 2000), light="lights.on"
+        "UltrasonicSensor",
+        62,
+        (Sense.DISTANCE,),
+        range_mm=(40, 2000),
+        light="lights.on",
     )
     COLOR = SensorModel(
-        "ColorSensor", 61, (Sense.SURFACE, Sense.AMBIENT), ("reflection", "ambient", "hsv")
+        "ColorSensor",
+        61,
+        (Sense.SURFACE, Sense.AMBIENT),
+        ("reflection", "ambient", "hsv"),
     )
     COLOR_DISTANCE = SensorModel(
         "ColorDistanceSensor",
@@ -367,11 +389,22 @@ class SensorKind(_Kind):
         ("reflection", "ambient", "hsv", "distance"),
     )
     FORCE = SensorModel(
-        "ForceSensor", 63, (Sense.FORCE,), ("force", "distance", "pressed", "touched")
+        "ForceSensor",
+        63,
+        (Sense.FORCE,),
+        ("force", "distance", "pressed", "touched"),
     )
     INFRARED = SensorModel(
-        "InfraredSensor", 35, (Sense.DISTANCE, Sense.COUNT), ("reflection", "distance", "count")
+        "InfraredSensor",
+        35,
+        (Sense.DISTANCE, Sense.COUNT),
+        ("reflection", "distance", "count"),
     )
-    TILT = SensorModel("TiltSensor", 34, (Sense.TILT,), ("tilt",))
+    TILT = SensorModel(
+        "TiltSensor",
+        34,
+        (Sense.TILT,),
+        ("tilt",),
+    )
     LIGHT = SensorModel("Light", 8, light="on")
     COLOR_LIGHT_MATRIX = SensorModel("ColorLightMatrix", 64)

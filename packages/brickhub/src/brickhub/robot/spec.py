@@ -170,7 +170,11 @@ class PoweredUpSensor:
 Sensor = UltrasonicSensor | PoweredUpSensor
 
 
-def sensor_of(kind: SensorKind, name: str, port: str) -> Sensor:
+def sensor_of(
+    kind: SensorKind,
+    name: str,
+    port: str,
+) -> Sensor:
     """Description of a sensor by its kind, as a user writes it."""
     if kind is UltrasonicSensor.kind:
         return UltrasonicSensor(name, port)
@@ -332,7 +336,11 @@ class Robot:
                     "another hub"
                 )
 
-    def _check_unique(self, kind: str, values: list[str]) -> None:
+    def _check_unique(
+        self,
+        kind: str,
+        values: list[str],
+    ) -> None:
         for value, count in Counter(values).items():
             if count > 1:
                 raise self._error(f"{kind} {value} is used {count} times; give each device its own")
@@ -374,11 +382,21 @@ class Robot:
 
     def motor(self, name: str) -> Motor:
         """The motor of that name. Raises DescriptionError if the robot has no such motor."""
-        return _find_device(self, "motor", self.motors, name)
+        return _find_device(
+            self,
+            "motor",
+            self.motors,
+            name,
+        )
 
     def sensor(self, name: str) -> Sensor:
         """The sensor of that name. Raises DescriptionError if the robot has no such sensor."""
-        return _find_device(self, "sensor", self.sensors, name)
+        return _find_device(
+            self,
+            "sensor",
+            self.sensors,
+            name,
+        )
 
 
 def _are_at_right_angles(sides: tuple[str, ...]) -> bool:
@@ -409,7 +427,12 @@ def _check_name(name: str) -> None:
         )
 
 
-def _find_device(robot: Robot, kind: str, devices: tuple[_Device, ...], name: str) -> _Device:
+def _find_device(
+    robot: Robot,
+    kind: str,
+    devices: tuple[_Device, ...],
+    name: str,
+) -> _Device:
     for device in devices:
         if device.name == name:
             return device

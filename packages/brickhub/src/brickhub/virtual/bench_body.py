@@ -148,14 +148,22 @@ class BenchBody:
     def angle_mdeg(self, port: str) -> int:
         return int(self._motors[port].angle)
 
-    def set_voltage(self, port: str, voltage_mv: int | None) -> None:
+    def set_voltage(
+        self,
+        port: str,
+        voltage_mv: int | None,
+    ) -> None:
         # Through the steps of the PWM, as the firmware's test build: they cost some millivolts.
         duty = int((voltage_mv or 0) * _MAX_DUTY / self.battery_mv)
         duty = max(-_MAX_DUTY, min(_MAX_DUTY, duty))
         motor = self._motors[port]
         motor.voltage = int(duty * self.battery_mv / _MAX_DUTY)
 
-    def sensed(self, port: str, sense: Sense) -> Sensed:
+    def sensed(
+        self,
+        port: str,
+        sense: Sense,
+    ) -> Sensed:
         """Stimulus of a sensor at the present angles. Raises SceneError if its reading raises."""
         reading = self._readings.get((port, sense))
         if reading is None:
@@ -330,7 +338,11 @@ class FittedBench(BenchBody):
             elif kind is not None:
                 self._add_sensor(port, kind.value)
 
-    def plug_in(self, port: str, device: str) -> bool:
+    def plug_in(
+        self,
+        port: str,
+        device: str,
+    ) -> bool:
         """Plug in a device of a class of ``pybricks.pupdevices``. Returns whether the port was free
         or has it already. Raises TwinError if the port's reading does not suit the device."""
         if port not in self._free_ports:
@@ -342,7 +354,11 @@ class FittedBench(BenchBody):
             self._add_sensor(port, device)
         return True
 
-    def _usual_motor(self, port: str, device: str) -> MotorKind:
+    def _usual_motor(
+        self,
+        port: str,
+        device: str,
+    ) -> MotorKind:
         """The kind of motor that a program means by a class of motors."""
         hub = self.robot.hub.model
         if port in hub.own_motors:
@@ -351,7 +367,12 @@ class FittedBench(BenchBody):
             return MotorKind.SPIKE_MEDIUM
         return MotorKind.MEDIUM_LINEAR
 
-    def _add_motor(self, port: str, kind: MotorKind, device: str = "Motor") -> None:
+    def _add_motor(
+        self,
+        port: str,
+        kind: MotorKind,
+        device: str = "Motor",
+    ) -> None:
         self._devices[port] = device
         self.motors[port] = kind
         stops_deg = self._stops.get(port)
@@ -361,7 +382,11 @@ class FittedBench(BenchBody):
             stops_mdeg = (low * 1000.0, high * 1000.0)
         self._motors[port] = BenchMotor(stops_mdeg)
 
-    def _add_sensor(self, port: str, device: str) -> None:
+    def _add_sensor(
+        self,
+        port: str,
+        device: str,
+    ) -> None:
         self._devices[port] = device
         self._kinds[port] = SensorKind(device)
         for reading in self._given_readings[port]:
@@ -372,7 +397,11 @@ class FittedBench(BenchBody):
         """What a sensor reads, as given for each moment."""
         return lambda _: reading.at(self._time_ms / 1000)
 
-    def block(self, port: str, direction: int) -> None:
+    def block(
+        self,
+        port: str,
+        direction: int,
+    ) -> None:
         """Something is in the way of a motor that runs until it stalls, clockwise (1) or
         counterclockwise (-1)."""
         motor = self._motors[port]

@@ -10,7 +10,12 @@ from brickhub.virtual.stimuli import Sensed
 class Rng(Protocol):
     """Source of random numbers, such as NumPy's ``Generator`` or Python's ``random.Random``."""
 
-    def uniform(self, low: float, high: float, /) -> float:
+    def uniform(
+        self,
+        low: float,
+        high: float,
+        /,
+    ) -> float:
         """A random number of a range."""
 
 
@@ -36,10 +41,18 @@ class Body(Protocol):
     def angle_mdeg(self, port: str) -> int:
         """Angle of a motor's shaft by its rotation sensor."""
 
-    def set_voltage(self, port: str, voltage_mv: int | None) -> None:
+    def set_voltage(
+        self,
+        port: str,
+        voltage_mv: int | None,
+    ) -> None:
         """Apply a voltage to a motor; ``None`` opens the circuit (coast)."""
 
-    def sensed(self, port: str, sense: Sense) -> Sensed:
+    def sensed(
+        self,
+        port: str,
+        sense: Sense,
+    ) -> Sensed:
         """Present stimulus of the sensor on a port."""
 
     def distance_mm(self, port: str) -> int:

@@ -378,7 +378,11 @@ class FaultyBody:
             angle_mdeg = start_mdeg + round(turned_mdeg)
         return angle_mdeg * self.directions.get(port, 1)
 
-    def set_voltage(self, port: str, voltage_mv: int | None) -> None:
+    def set_voltage(
+        self,
+        port: str,
+        voltage_mv: int | None,
+    ) -> None:
         if voltage_mv is None or port in self.dead_ports:
             self.sound.set_voltage(self.sound_port(port), None)
             return
@@ -391,7 +395,11 @@ class FaultyBody:
         sound_mv = round(limited_mv * (share * direction))
         self.sound.set_voltage(self.sound_port(port), sound_mv)
 
-    def sensed(self, port: str, sense: Sense) -> Sensed:
+    def sensed(
+        self,
+        port: str,
+        sense: Sense,
+    ) -> Sensed:
         if port not in self.dead_ports:
             return self.sound.sensed(self.sound_port(port), sense)
         # Other sensors of a distance, by infrared light, tell theirs in percent.
@@ -434,7 +442,11 @@ class BreakingLink:
         now_s: its present time.
     """
 
-    def __init__(self, breaks_s: float, now_s: Callable[[], float]) -> None:
+    def __init__(
+        self,
+        breaks_s: float,
+        now_s: Callable[[], float],
+    ) -> None:
         self._breaks_s = breaks_s
         self._now_s = now_s
         self._refusals = 0

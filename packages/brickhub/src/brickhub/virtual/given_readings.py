@@ -104,14 +104,26 @@ def parse_reading(text: str, folder: Path = Path()) -> GivenReading:
     sense = Sense(name) if name else None
     if not value.startswith("@"):
         stimulus, unit_sense = _value(value, text)
-        return GivenReading(port, sense or unit_sense, (0.0,), (stimulus,))
+        return GivenReading(
+            port,
+            sense or unit_sense,
+            (0.0,),
+            (stimulus,),
+        )
     # In a file units do not tell the sense, as each line may have another one or none.
     file_name = value.removeprefix("@")
     rows = read_rows(folder / file_name)
     times_s = tuple(row.time_s for row in rows)
     values = tuple(_value_of_row(row) for row in rows)
     places = tuple(row.place for row in rows)
-    return GivenReading(port, sense, times_s, values, places, _hint_of(rows[0]))
+    return GivenReading(
+        port,
+        sense,
+        times_s,
+        values,
+        places,
+        _hint_of(rows[0]),
+    )
 
 
 def _hint_of(row: Row) -> str:
@@ -131,7 +143,11 @@ def _value_of_row(row: Row) -> Sensed:
     return stimulus
 
 
-def _value(value: str, text: str, examples: str = _EXAMPLES) -> tuple[Sensed, Sense | None]:
+def _value(
+    value: str,
+    text: str,
+    examples: str = _EXAMPLES,
+) -> tuple[Sensed, Sense | None]:
     """Stimulus of a text, and the sense that its unit or name tells. ``text``, ``examples``: for
     messages."""
     word = value.lower()

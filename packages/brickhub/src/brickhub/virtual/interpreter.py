@@ -65,7 +65,12 @@ class Modules(dict[str, ModuleType]):
         self.namespaces = [] if namespaces is None else namespaces
 
 
-def execute(source: str, filename: str, modules: dict[str, ModuleType], console: Console) -> None:
+def execute(
+    source: str,
+    filename: str,
+    modules: dict[str, ModuleType],
+    console: Console,
+) -> None:
     """Run a program as ``__main__`` to its end; its exceptions propagate, with the hub's messages.
 
     Args:
@@ -100,7 +105,11 @@ def execute(source: str, filename: str, modules: dict[str, ModuleType], console:
         return importable[name]
 
     names = builtin_names(
-        importable.namespaces, find_module, console, importable.hooks, importable.missing_builtins
+        importable.namespaces,
+        find_module,
+        console,
+        importable.hooks,
+        importable.missing_builtins,
     )
     multiply = names["@mul"]
 

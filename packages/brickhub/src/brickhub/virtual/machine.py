@@ -50,7 +50,10 @@ class FirmwareVersion:
 
 FIRMWARE_VERSIONS = {
     "4.1": FirmwareVersion(
-        "4.1.0", "v4.1.0 on 2026-10-12", takes_packets=True, has_hub_network=True
+        "4.1.0",
+        "v4.1.0 on 2026-10-12",
+        takes_packets=True,
+        has_hub_network=True,
     ),
     "4.0": FirmwareVersion("4.0.1", "v4.0.1 on 2026-06-23"),
 }
@@ -131,7 +134,11 @@ class Machine:
             ``None`` for never.
     """
 
-    def __init__(self, body: Body, panel: Panel | None = None) -> None:
+    def __init__(
+        self,
+        body: Body,
+        panel: Panel | None = None,
+    ) -> None:
         self.robot = body.robot
         self.body = body
         self.panel = panel or Panel(body.robot.hub)
@@ -168,20 +175,39 @@ class Machine:
         """Simulated time of the body: the program's, or 1 ms ahead of it."""
         return self.time_ms + self._is_ahead
 
-    def plug_in(self, port: str, device: str) -> bool:
+    def plug_in(
+        self,
+        port: str,
+        device: str,
+    ) -> bool:
         """Plug a device into a :class:`FittedBench`; returns whether it is on the port now."""
         if not (isinstance(self.body, FittedBench) and self.body.plug_in(port, device)):
             return False
         if port in self.body.motors and port not in self.servos:
-            self.servos[port] = Servo(self.body.motors[port], port, self.body, self)
+            self.servos[port] = Servo(
+                self.body.motors[port],
+                port,
+                self.body,
+                self,
+            )
         return True
 
     def new_drive_base(
-        self, left: Servo, right: Servo, wheel_diameter_um: int, axle_track_um: int
+        self,
+        left: Servo,
+        right: Servo,
+        wheel_diameter_um: int,
+        axle_track_um: int,
     ) -> DriveBaseControl:
         """A drive base in the control loop. Raises ValueError and OSError as
         :class:`DriveBaseControl`."""
-        base = DriveBaseControl(left, right, wheel_diameter_um, axle_track_um, self.heading)
+        base = DriveBaseControl(
+            left,
+            right,
+            wheel_diameter_um,
+            axle_track_um,
+            self.heading,
+        )
         self.drive_bases.append(base)
         # A bench knows its wheels only now, and turns with them from here on. A wheel of diameter d
         # on a track t turns the robot by d / (2 t) for each angle of its own.

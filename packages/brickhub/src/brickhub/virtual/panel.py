@@ -124,7 +124,10 @@ class Panel:
     """
 
     def __init__(
-        self, hub: AnyHub, presses: Iterable[Press] = (), near: Iterable[str] = ()
+        self,
+        hub: AnyHub,
+        presses: Iterable[Press] = (),
+        near: Iterable[str] = (),
     ) -> None:
         self.buttons = hub.model.buttons
         self.has_display = hub.model.has_display
@@ -231,7 +234,11 @@ class Panel:
         # Those of other devices have the device before a dot.
         return frozenset(name for name in self._down(time_ms) if "." not in name)
 
-    def pressed_on(self, device: str, time_ms: int) -> frozenset[str]:
+    def pressed_on(
+        self,
+        device: str,
+        time_ms: int,
+    ) -> frozenset[str]:
         """Buttons of a wireless device that are down at a simulated time."""
         prefix = f"{device}."
         names = set()
@@ -272,7 +279,11 @@ class Panel:
         self._stop_pressed_ms = time_ms
         return not was_pressed
 
-    def animate(self, part: str, frames: Iterator[int]) -> None:
+    def animate(
+        self,
+        part: str,
+        frames: Iterator[int],
+    ) -> None:
         """Animate the light or the display (``part``), in place of its last animation.
 
         Args:
@@ -297,7 +308,11 @@ class Panel:
         self.change(sound_hz=0, lamps={})
         self.show([0] * 25)
 
-    def show(self, pixels: list[int], text: str = "") -> None:
+    def show(
+        self,
+        pixels: list[int],
+        text: str = "",
+    ) -> None:
         """Show pixels (brightness in %, 25 values) or a text."""
         self.change(display=pixels, text=text)
 

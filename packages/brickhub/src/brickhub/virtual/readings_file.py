@@ -121,7 +121,12 @@ def _with_point(cell: str) -> str:
     return f"{whole}.{fraction}{unit}"
 
 
-def _row(cells: list[str], place: str, separator: str, before: list[Row]) -> Row:
+def _row(
+    cells: list[str],
+    place: str,
+    separator: str,
+    before: list[Row],
+) -> Row:
     try:
         time_s = float(cells[0])
     except ValueError:
@@ -138,4 +143,9 @@ def _row(cells: list[str], place: str, separator: str, before: list[Row]) -> Row
         raise TwinError(
             f"{place}: {time_s:g} s comes after {previous_s:g} s; write the lines in order of time"
         )
-    return Row(time_s, ",".join(cells[1:]), place, separator)
+    return Row(
+        time_s,
+        ",".join(cells[1:]),
+        place,
+        separator,
+    )

@@ -68,7 +68,12 @@ class StreamConsole:
     it is full.
     """
 
-    def __init__(self, machine: Machine, stdin: BinaryIO | TextIO | None, stdout: BinaryIO) -> None:
+    def __init__(
+        self,
+        machine: Machine,
+        stdin: BinaryIO | TextIO | None,
+        stdout: BinaryIO,
+    ) -> None:
         self._machine = machine
         self._stdin = stdin
         self._stdout = stdout
@@ -222,7 +227,14 @@ def run_file(
     if operation.attend is not None:
         operation.attend(machine)
     console = StreamConsole(machine, stdin, stdout)
-    return _run(program, path, machine, console, stdout, stderr)
+    return _run(
+        program,
+        path,
+        machine,
+        console,
+        stdout,
+        stderr,
+    )
 
 
 def _imported_hub(program: HubProgram) -> HubKind:
@@ -268,7 +280,12 @@ def _run(
         for module in program.modules:
             with suppress(OverflowError):
                 compile_source(module.source, module.file)
-        execute(program.source, path.name, importable, console)
+        execute(
+            program.source,
+            path.name,
+            importable,
+            console,
+        )
     except _TimeLimitReached as end:
         stderr.write(time_limit_note(end.args[0]))
         return TIME_LIMIT_EXIT_CODE

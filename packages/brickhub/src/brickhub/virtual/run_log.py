@@ -27,7 +27,11 @@ class RunLog:
         self._cells: dict[str, str] = {}
         self._lines: list[str] = []
 
-    def sample(self, time_ms: int, servos: Mapping[str, Servo]) -> None:
+    def sample(
+        self,
+        time_ms: int,
+        servos: Mapping[str, Servo],
+    ) -> None:
         """Add a row, after the control loop, or at the end of the run; it replaces one of the same
         time."""
         for port, servo in servos.items():
@@ -47,7 +51,11 @@ class RunLog:
             del self._lines[::2]
             self.period_ms *= 2
 
-    def read(self, columns: Sequence[str], value: Any) -> None:
+    def read(
+        self,
+        columns: Sequence[str],
+        value: Any,
+    ) -> None:
         """Keep what the program reads: one value, or a tuple of one for each column."""
         parts = value if isinstance(value, tuple) else (value,)
         for column, part in zip(columns, parts, strict=True):
@@ -64,7 +72,11 @@ class RunLog:
         for row in csv.DictReader(self.csv().splitlines()):
             yield {column: _value(text) for column, text in row.items()}
 
-    def _set(self, column: str, value: object) -> None:
+    def _set(
+        self,
+        column: str,
+        value: object,
+    ) -> None:
         # A sensor that is read for the first time: all rows before get an empty cell.
         if column not in self._cells:
             self._lines = [f"{line}," for line in self._lines]

@@ -55,7 +55,11 @@ class Radio:
         self._burst_start_ms = 0.0
         self._burst_end_ms = 0.0
 
-    def to_hub_ms(self, now_ms: float, link: LinkProfile) -> float:
+    def to_hub_ms(
+        self,
+        now_ms: float,
+        link: LinkProfile,
+    ) -> float:
         """Arrival of a command that the computer sends now."""
         # After a pause the computer's radio has to wake up first.
         if now_ms - self._heard_ms >= PAUSE_MS:
@@ -64,7 +68,11 @@ class Radio:
         self._heard_ms = self._next_event_ms(ready_ms, link)
         return self._heard_ms
 
-    def to_computer_ms(self, now_ms: float, link: LinkProfile) -> float:
+    def to_computer_ms(
+        self,
+        now_ms: float,
+        link: LinkProfile,
+    ) -> float:
         """Arrival of what the hub sends now: output of the program, or the acknowledgement of a
         command."""
         # What is sent before the event travels in it, with one delay for all.
@@ -82,7 +90,11 @@ class Radio:
             return False
         return self._rng.random() < link.lost_notifications
 
-    def _next_event_ms(self, now_ms: float, link: LinkProfile) -> float:
+    def _next_event_ms(
+        self,
+        now_ms: float,
+        link: LinkProfile,
+    ) -> float:
         """Time of the next event in which no packet is lost."""
         # A cable has no events.
         if not link.interval_ms:
@@ -92,7 +104,11 @@ class Radio:
             event_ms += link.interval_ms
         return event_ms
 
-    def _is_lost(self, event_ms: float, link: LinkProfile) -> bool:
+    def _is_lost(
+        self,
+        event_ms: float,
+        link: LinkProfile,
+    ) -> bool:
         # Losses come in bursts. The quiet between them is so long that on average as many packets
         # are lost as the link says.
         while self._burst_end_ms <= event_ms:
@@ -178,7 +194,12 @@ class VirtualHub:
     """
 
     def __init__(
-        self, body: Body, *, realtime: bool = False, link: LinkProfile | None = None, seed: int = 0
+        self,
+        body: Body,
+        *,
+        realtime: bool = False,
+        link: LinkProfile | None = None,
+        seed: int = 0,
     ) -> None:
         self.robot = body.robot
         self.body = body
@@ -318,7 +339,11 @@ class VirtualHub:
         """Time at which what the hub sends now is with the host."""
         return self.radio.to_computer_ms(self.machine.body_ms, self.link)
 
-    def _run_until(self, time_ms: int, new_program: HubProgram | None = None) -> None:
+    def _run_until(
+        self,
+        time_ms: int,
+        new_program: HubProgram | None = None,
+    ) -> None:
         """Run the program until a simulated time, its next output, or its end."""
         if self._stop_requested:
             self.stop()
@@ -385,7 +410,12 @@ class VirtualHub:
         importable = modules(self.machine, self._wire)
         importable.find_module = {module.name: module for module in program.modules}.get
         try:
-            interpreter.execute(program.source, program.name, importable, self._wire)
+            interpreter.execute(
+                program.source,
+                program.name,
+                importable,
+                self._wire,
+            )
         except (SystemExit, SwitchedOff, _Stopped):
             pass
         except BaseException as error:

@@ -92,13 +92,20 @@ def algorithm(agent: str) -> Algorithm:
         settings = inspect.signature(build).parameters["settings"].annotation
     except (KeyError, TypeError, ValueError):
         raise DescriptionError(f"{agent} takes no settings; {remedy}") from None
-    settings = getattr(module, settings, None) if isinstance(settings, str) else settings
+    # with `from __future__ import annotations` an annotation is its text
+    if isinstance(settings, str):
+        settings = getattr(module, settings, None)
     if not (isinstance(settings, type) and is_dataclass(settings)):
         raise DescriptionError(f"{agent} has no type for its settings; {remedy}")
     return Algorithm(agent, settings, build, presets)
 
 
-def preset(name: str = "default", agent: str = "sac", *, images: bool = False) -> Any:
+def preset(
+    name: str = "default",
+    agent: str = "sac",
+    *,
+    images: bool = False,
+) -> Any:
     """Settings of a preset for an algorithm; ``images``: for a camera. Raises UnknownNameError if
     there is no such name."""
     if name not in PRESETS:
@@ -122,7 +129,12 @@ def preset(name: str = "default", agent: str = "sac", *, images: bool = False) -
     return chosen.presets.images if images else chosen.presets.default
 
 
-def make_learner(agent: str, env: EnvBase, settings: Any = None, device: str = "cpu") -> Learner:
+def make_learner(
+    agent: str,
+    env: EnvBase,
+    settings: Any = None,
+    device: str = "cpu",
+) -> Learner:
     """A new learner for an environment, on a device, with the ``settings`` or those of the preset
     "default". Initialized from torch's global generator. From here on running statistics among the
     transforms of ``env`` leave angles, goals and entries with a range in their units, see
@@ -141,7 +153,8 @@ def make_learner(agent: str, env: EnvBase, settings: Any = None, device: str = "
         )
     prepare(env)
     images = bool(layout_of(env).images)
-    settings = preset("default", agent, images=images) if settings is None else settings
+    if settings is None:
+        settings = preset("default", agent, images=images)
     if is_reference(agent) and type(settings).__name__ == chosen.settings.__name__:
         # the user's file was reloaded, and its class with it
         settings = chosen.settings(**vars(settings))
@@ -151,11 +164,9 @@ def make_learner(agent: str, env: EnvBase, settings: Any = None, device: str = "
             f"{agent} has {chosen.settings.__name__}, not {actual}; see preset('default', "
             f"'{agent}')"
         )
-    with calling(
-        agent,
-        "cannot be built",
-        is_of_user=is_reference(agent) or bool(vars(settings).get("network")),
-    ):
+    # also of ours that has a network of the user's, which is made in there
+    is_of_user = is_reference(agent) or bool(vars(settings).get("network"))
+    with calling(agent, "cannot be built", is_of_user=is_of_user):
         learner = chosen.build(env, settings, device)
     if not isinstance(learner, Learner):
         raise DescriptionError(

@@ -20,9 +20,14 @@ class Critics(nn.ModuleList):
     """``k`` independent critics: features ``[batch, f]`` and actions ``[batch, m]`` to values ``[k,
     batch]``."""
 
-    def forward(self, features: Tensor, action: Tensor) -> Tensor:
+    def forward(
+        self,
+        features: Tensor,
+        action: Tensor,
+    ) -> Tensor:
         x = torch.cat((features, action), -1)
-        return torch.stack([body(x).squeeze(-1) for body in self])
+        values = [body(x).squeeze(-1) for body in self]
+        return torch.stack(values)
 
 
 @dataclass(frozen=True)
@@ -51,7 +56,11 @@ class ActorCriticLoss(LossModule):  # type: ignore[misc]
     """
 
     def __init__(
-        self, encoder: nn.Module, actor: nn.Module, critics: Critics, settings: OffPolicySettings
+        self,
+        encoder: nn.Module,
+        actor: nn.Module,
+        critics: Critics,
+        settings: OffPolicySettings,
     ) -> None:
         super().__init__()
         self.encoder = encoder
@@ -78,7 +87,8 @@ class ActorCriticLoss(LossModule):  # type: ignore[misc]
     def qvalue_loss(self, batch: Batch) -> dict[str, Tensor]:
         """Errors summed over the critics, other losses and metrics."""
         target = self.target_qvalue(batch)
-        return {"loss_qvalue": self.errors(self.critics(batch.features, batch.action), target)}
+        values = self.critics(batch.features, batch.action)  # [k, batch]
+        return {"loss_qvalue": self.errors(values, target)}
 
     def encode(self, tensordict: TensorDictBase) -> Batch:
         """Encode a batch from a replay buffer."""
@@ -93,7 +103,13 @@ class ActorCriticLoss(LossModule):  # type: ignore[misc]
         goes_on = ~after["terminated"].squeeze(-1)
         discount = gamma * goes_on.to(features.dtype)
         reward = after["reward"].squeeze(-1)
-        batch = Batch(features, tensordict["action"], reward, next_features, discount)
+        batch = Batch(
+            features,
+            tensordict["action"],
+            reward,
+            next_features,
+            discount,
+        )
         if self.base is None:
             return batch
         return replace(batch, base=self.base(tensordict), next_base=self.base(after))
@@ -109,23 +125,31 @@ class ActorCriticLoss(LossModule):  # type: ignore[misc]
 
     def critic_losses(self, tensordict: TensorDictBase) -> TensorDict:
         """The losses of an update without the actor."""
-        return TensorDict(self.qvalue_loss(self.encode(tensordict)))
+        batch = self.encode(tensordict)
+        return TensorDict(self.qvalue_loss(batch))
 
     def actor_outputs(self, features: Tensor) -> Tensor:
         """The actor's outputs on detached features, with the pull of the policy anchor, if any."""
         features = features.detach()
         out: Tensor = self.actor(features)
-        return out if self.anchor is None else self.anchor(features, out)
+        if self.anchor is None:
+            return out
+        anchored: Tensor = self.anchor(features, out)
+        return anchored
 
 
 def on_base(action: Tensor, base: Tensor | None) -> Tensor:
     """An actor's action ``[*batch, m]`` added to that of a base, if there is one, within -1..1."""
-    return action if base is None else (base + action).clamp(-1.0, 1.0)
+    if base is None:
+        return action
+    return (base + action).clamp(-1.0, 1.0)
 
 
 def squared_errors(values: Tensor, target: Tensor) -> Tensor:
     """Mean squared error of values ``[k, batch]``, summed over the ``k`` critics."""
-    return (values - target).square().mean(-1).sum()
+    errors = values - target  # [k, batch]
+    # summed: each critic learns as fast as it would alone, however many there are
+    return errors.square().mean(-1).sum()
 
 
 def smooth_errors(values: Tensor, target: Tensor) -> Tensor:
@@ -137,9 +161,17 @@ def smooth_errors(values: Tensor, target: Tensor) -> Tensor:
 class PolyakUpdate:
     """TorchRL's ``SoftUpdate`` for plain modules: each step moves each pair's target by ``tau``."""
 
-    def __init__(self, *pairs: tuple[nn.Module, nn.Module], tau: float) -> None:
-        self._sources = [parameter for source, _ in pairs for parameter in source.parameters()]
-        self._targets = [parameter for _, target in pairs for parameter in target.parameters()]
+    def __init__(
+        self,
+        *pairs: tuple[nn.Module, nn.Module],
+        tau: float,
+    ) -> None:
+        # flat lists, so that one fused operation moves all of them
+        self._sources: list[Tensor] = []
+        self._targets: list[Tensor] = []
+        for source, target in pairs:
+            self._sources += source.parameters()
+            self._targets += target.parameters()
         self._average = get_ema_multi_avg_fn(1.0 - tau)
 
     @torch.no_grad()

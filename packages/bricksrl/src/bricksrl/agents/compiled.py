@@ -28,10 +28,15 @@ class _Parts(nn.Module):
         super().__init__()
         self.loss = loss
 
-    def forward(self, rows: Any, batch: Batch | None = None) -> Any:
+    def forward(
+        self,
+        transitions: Any,
+        batch: Batch | None = None,
+    ) -> Any:
+        # `functional_call` knows one forward pass for a module: it tells the parts by the arguments
         if batch is not None:
             return self.loss.actor_loss(batch)
-        batch = self.loss.encode(rows)
+        batch = self.loss.encode(transitions)
         return batch, self.loss.qvalue_loss(batch)
 
 
@@ -40,58 +45,85 @@ class CompiledGradients:
     of ``torch.compile``."""
 
     def __init__(
-        self, loss: ActorCriticLoss, device: torch.device, backend: str = "inductor"
+        self,
+        loss: ActorCriticLoss,
+        device: torch.device,
+        backend: str = "inductor",
     ) -> None:
         self._parts = _Parts(loss)
         self._device = device
         self._keys = loss.in_keys
-        params = {
-            name: value for name, value in self._parts.named_parameters() if value.requires_grad
-        }
-        of_critics = {
-            name: params[name]
-            for name in params
-            if name.startswith(("loss.critics.", "loss.encoder."))
-        }
-        self._params = {True: params, False: of_critics}
-        torch.compiler.reset()  # graphs of earlier learners in this process count towards a limit
-        options: dict[str, Any] = (
-            {"triton.cudagraphs": True} if device.type == "cuda" else {"fallback_random": True}
-        )
-        # nothing changes the modules
+        params: dict[str, Tensor] = {}
+        critic_params: dict[str, Tensor] = {}
+        for name, value in self._parts.named_parameters():
+            if not value.requires_grad:
+                continue
+            params[name] = value
+            # an update without the actor trains the encoder too, through the critics' loss
+            if name.startswith(("loss.critics.", "loss.encoder.")):
+                critic_params[name] = value
+        # by whether an update includes the actor
+        self._params = {True: params, False: critic_params}
+        # graphs of earlier learners in this process count towards a limit
+        torch.compiler.reset()
+        options: dict[str, Any]
+        if device.type == "cuda":
+            options = {"triton.cudagraphs": True}
+        else:
+            options = {"fallback_random": True}
+        # nothing changes the modules, so that no update has to check whether something did
         options["guard_filter_fn"] = torch.compiler.skip_guard_on_all_nn_modules_unsafe
         self._graph = torch.compile(
-            self._gradients, fullgraph=True, dynamic=False, options=options, backend=backend
+            self._gradients,
+            fullgraph=True,
+            dynamic=False,
+            options=options,
+            backend=backend,
         )
 
     def _gradients(
-        self, params: dict[str, Tensor], rows: Any, with_actor: bool
+        self,
+        params: dict[str, Tensor],
+        transitions: Any,
+        with_actor: bool,
     ) -> tuple[dict[str, Tensor], dict[str, Tensor]]:
         def total(params: dict[str, Tensor]) -> tuple[Tensor, dict[str, Tensor]]:
-            batch, losses = functional_call(self._parts, params, (rows,))
+            batch, losses = functional_call(self._parts, params, (transitions,))
             if with_actor:
-                fixed = {
-                    name: value.detach() if name.startswith("loss.critics.") else value
-                    for name, value in params.items()
-                }
-                losses = losses | functional_call(self._parts, fixed, (rows, batch))
-            summed = torch.stack(
-                [value for name, value in losses.items() if name.startswith("loss")]
-            ).sum()
-            return summed, {name: value.detach() for name, value in losses.items()}
+                # the actor's loss passes through the critics, which must not learn from it
+                held_params = dict(params)
+                for name, value in params.items():
+                    if name.startswith("loss.critics."):
+                        held_params[name] = value.detach()
+                actor_losses = functional_call(self._parts, held_params, (transitions, batch))
+                losses = losses | actor_losses
+            # the others are metrics, such as the temperature
+            minimised = [value for name, value in losses.items() if name.startswith("loss")]
+            summed = torch.stack(minimised).sum()
+            reported = {name: value.detach() for name, value in losses.items()}
+            return summed, reported
 
         result: tuple[dict[str, Tensor], dict[str, Tensor]] = grad(total, has_aux=True)(params)
         return result
 
-    def __call__(self, batch: TensorDictBase, with_actor: bool) -> TensorDict:
+    def __call__(
+        self,
+        batch: TensorDictBase,
+        with_actor: bool,
+    ) -> TensorDict:
         """Losses of a batch; their gradients are written to the parameters. Raises RunError without
         a compiler."""
-        rows = batch.select(*self._keys, "steps_to_next_obs", strict=False).to_dict()
+        # the count of steps is there with n-step returns only
+        selected = batch.select(*self._keys, "steps_to_next_obs", strict=False)
+        # plain dictionaries: the graph is of tensors alone
+        transitions = selected.to_dict()
         params: dict[str, Tensor] = {**self._params[with_actor]}
         try:
-            with torch.no_grad():  # otherwise the graph also keeps tensors for second derivatives
-                gradients, losses = self._graph(params, rows, with_actor)
+            # otherwise the graph also keeps tensors for second derivatives
+            with torch.no_grad():
+                gradients, losses = self._graph(params, transitions, with_actor)
         except Exception as error:
+            # what went wrong stands anywhere in the chain of torch's errors
             causes = "".join(traceback.format_exception(error))
             if "InvalidCxxCompiler" in causes or "No working C++ compiler" in causes:
                 remedy = "install one (such as g++ or clang), or omit --compile"
@@ -99,7 +131,8 @@ class CompiledGradients:
             raise
         for name, parameter in params.items():
             parameter.grad = gradients[name]
-        if self._device.type == "cuda":  # the next replay overwrites the graph's outputs
+        # the next replay of a CUDA graph overwrites its outputs
+        if self._device.type == "cuda":
             losses = {name: value.clone() for name, value in losses.items()}
         return TensorDict(losses)
 
@@ -114,6 +147,7 @@ def compile_updates(learner: Learner) -> None:
         raise RunError(
             "batch normalisation cannot be compiled; choose layer or rms, or omit --compile"
         )
+    # an anchor counts updates in Python, where a graph would keep the first count
     if loss.anchor is not None:
         raise RunError("an anchored policy cannot be compiled; omit --compile")
     learner.gradients = CompiledGradients(loss, learner.device)

@@ -44,7 +44,9 @@ PRESETS = {
         images=CrossQSettings(**IMAGES_OFF_POLICY),
         # rate and momentum of its authors
         paper=CrossQSettings(
-            **{**PAPER_OFF_POLICY, "learning_rate": 1e-3}, alpha_init=1.0, momentum=0.01
+            **{**PAPER_OFF_POLICY, "learning_rate": 1e-3},
+            alpha_init=1.0,
+            momentum=0.01,
         ),
     )
 }
@@ -56,25 +58,41 @@ class CrossQLoss(SACLoss):
     ``CrossQLoss``."""
 
     def __init__(
-        self, encoder: nn.Module, actor: nn.Module, critics: Critics, settings: CrossQSettings
+        self,
+        encoder: nn.Module,
+        actor: nn.Module,
+        critics: Critics,
+        settings: CrossQSettings,
     ) -> None:
-        super().__init__(encoder, actor, critics, settings)
+        super().__init__(
+            encoder,
+            actor,
+            critics,
+            settings,
+        )
+        # SAC's: a copy that nothing moves would only fill memory and checkpoints
         del self.target_critics
 
     def qvalue_loss(self, batch: Batch) -> dict[str, Tensor]:
         """Squared errors summed over the critics."""
         self.actor.eval()
         with torch.no_grad():
-            next_action, next_log_prob = self.draw(self.actor(batch.next_features), batch.next_base)
+            out = self.actor(batch.next_features)
+            next_action, next_log_prob = self.draw(out, batch.next_base)
+        # one pass for both: actions of the data and of the policy are distributed differently, and
+        # statistics of one of them would not fit the other
         features = torch.cat((batch.features, batch.next_features))
+        actions = torch.cat((batch.action, next_action))
         self.critics.train()
-        values = self.critics(features, torch.cat((batch.action, next_action)))
+        both_values = self.critics(features, actions)  # [k, 2 batch]
         self.critics.eval()
-        rows = len(batch.reward)
-        next_value = values[:, rows:].detach().amin(0) - self.alpha * next_log_prob
-        return {
-            "loss_qvalue": self.errors(values[:, :rows], batch.reward + batch.discount * next_value)
-        }
+        count = len(batch.reward)
+        values = both_values[:, :count]
+        # the critics are their own targets, of which nothing is learned
+        next_values = both_values[:, count:].detach()
+        next_value = next_values.amin(0) - self.alpha * next_log_prob
+        target = batch.reward + batch.discount * next_value
+        return {"loss_qvalue": self.errors(values, target)}
 
     def actor_loss(self, batch: Batch) -> dict[str, Tensor]:
         """Losses of actor and temperature; the critics use running statistics."""
@@ -95,17 +113,40 @@ def batch_normalised(network: nn.Module, momentum: float) -> nn.Sequential:
     return nn.Sequential(*layers)
 
 
-def build(env: EnvBase, settings: CrossQSettings, device: torch.device | str = "cpu") -> Learner:
+def build(
+    env: EnvBase,
+    settings: CrossQSettings,
+    device: torch.device | str = "cpu",
+) -> Learner:
     """CrossQ for an environment. Initialized from torch's global generator."""
     m = action_size(env)
     encoder = make_encoder(env, settings)
 
     def body(in_size: int, out_size: int) -> nn.Module:
         network = make_body(settings, in_size, out_size)
-        return network if settings.network else batch_normalised(network, settings.momentum)
+        # a user's network is learned as it is
+        if settings.network:
+            return network
+        return batch_normalised(network, settings.momentum)
 
     actor = body(encoder.size, 2 * m).eval()
-    critics = Critics([body(encoder.size + m, 1) for _ in range(2)]).eval()
-    policy = gaussian_policy(encoder, actor, action_spec(env), min_scale=settings.min_scale)
-    loss = CrossQLoss(encoder, actor, critics, settings).to(device)
-    return off_policy_learner(env, settings, policy.to(device), loss)
+    bodies = [body(encoder.size + m, 1) for _ in range(2)]
+    critics = Critics(bodies).eval()
+    policy = gaussian_policy(
+        encoder,
+        actor,
+        action_spec(env),
+        min_scale=settings.min_scale,
+    )
+    loss = CrossQLoss(
+        encoder,
+        actor,
+        critics,
+        settings,
+    ).to(device)
+    return off_policy_learner(
+        env,
+        settings,
+        policy.to(device),
+        loss,
+    )

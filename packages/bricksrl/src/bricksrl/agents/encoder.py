@@ -19,49 +19,74 @@ class Encoder(nn.Module):
     each image through its own network, of which convolutions come with the paper's dense layers for
     the numbers."""
 
-    def __init__(self, layout: ObservationLayout, settings: Settings) -> None:
+    def __init__(
+        self,
+        layout: ObservationLayout,
+        settings: Settings,
+    ) -> None:
         super().__init__()
         self.in_keys = layout.keys
         self.images = layout.images
         self._dims = [len(shape) for _, shape in layout.vectors]
         self.numbers = ObservationEncoder(
-            layout, settings.angles, settings.goals, normalize=settings.normalize
+            layout,
+            settings.angles,
+            settings.goals,
+            normalize=settings.normalize,
         )
-        make = {"keypoints": Keypoints, "convolutions": Convolutions}[settings.encoder]
-        networks = [make(image.side_px, image.channels) for image in self.images]
+        kinds = {"keypoints": Keypoints, "convolutions": Convolutions}
+        make_network = kinds[settings.encoder]
+        networks = [make_network(image.side_px, image.channels) for image in self.images]
         self.networks = nn.ModuleList(networks)
-        size = self.numbers.size
+        numbers_size = self.numbers.size
+        # empty, which passes everything on; without images the numbers need no layers of their own
         self.dense = nn.Sequential()
-        if self.images and size and settings.encoder == "convolutions":
+        if self.images and numbers_size and settings.encoder == "convolutions":
+            # sizes of the BricksRL paper
             self.dense = nn.Sequential(
-                nn.Linear(size, 128), nn.ReLU(), nn.Linear(128, 32), nn.ReLU()
+                nn.Linear(numbers_size, 128),
+                nn.ReLU(),
+                nn.Linear(128, 32),
+                nn.ReLU(),
             )
-            size = 32
-        self.size = size + sum(network.size for network in networks)
+            numbers_size = 32
+        images_size = sum(network.size for network in networks)
+        self.size = numbers_size + images_size
 
     def forward(self, *inputs: Tensor) -> Tensor:
         """Vectors and images ``[*batch, *shape]``, in the order of ``in_keys``, to features."""
-        shown = zip(inputs[len(self._dims) :], self.images, self.networks, strict=True)
+        # vectors come first among the keys
+        images = inputs[len(self._dims) :]
         parts = []
-        for image, shape, network in shown:
-            features = network(pixels(image, shape))  # all dimensions of the batch are one there
+        for image, shape, network in zip(
+            images,
+            self.images,
+            self.networks,
+            strict=True,
+        ):
+            # convolutions know one dimension of a batch: all of them are one there
+            features = network(pixels(image, shape))
             parts.append(features.view(*image.shape[:-3], -1))
         if self._dims:
-            parts.append(self.dense(self.numbers(self._joined(inputs))))
+            numbers = self.numbers(self._joined(inputs))
+            parts.append(self.dense(numbers))
+        # most robots have no camera: a copy less in each action and update
         return parts[0] if len(parts) == 1 else torch.cat(parts, -1)
 
     def see(self, tensordict: Any) -> None:
         """Note the range of observations that are learned on."""
         if self._dims:
             # vectors come first among the keys, so that what follows them is not read
-            joined = self._joined([tensordict[key] for key in self.in_keys])
-            self.numbers.seen.see(self.numbers.in_units(joined))
+            inputs = [tensordict[key] for key in self.in_keys]
+            numbers = self.numbers.in_units(self._joined(inputs))
+            self.numbers.seen.see(numbers)
 
     def _joined(self, inputs: Sequence[Tensor]) -> Tensor:
         """The numbers of all vectors."""
-        vectors = [
-            value.flatten(-dims).float() for value, dims in zip(inputs, self._dims, strict=False)
-        ]
+        vectors = []
+        # not strict: images follow the vectors
+        for value, dims in zip(inputs, self._dims, strict=False):
+            vectors.append(value.flatten(-dims).float())
         return vectors[0] if len(vectors) == 1 else torch.cat(vectors, -1)
 
 
@@ -77,4 +102,5 @@ def encoder_keys(encoder: nn.Module) -> list[str]:
 
 def encode(encoder: nn.Module, tensordict: Any) -> Any:
     """Features ``[*batch, f]``, a tensor, of what the encoder reads in a TensorDict."""
-    return encoder(*(tensordict[key] for key in encoder_keys(encoder)))
+    inputs = [tensordict[key] for key in encoder_keys(encoder)]
+    return encoder(*inputs)

@@ -27,6 +27,7 @@ ENOUGH = 20
 def reward_unit(rewards: Tensor) -> float:
     """The power of ten nearest to the root mean square of rewards ``[n]`` other than 0, at most 1;
     1 for fewer than `ENOUGH`."""
+    # a reward that is paid seldom is as large as it is when it is paid
     paid = rewards[rewards != 0.0]
     size = 1.0
     if len(paid) and len(rewards) >= ENOUGH:
@@ -36,18 +37,23 @@ def reward_unit(rewards: Tensor) -> float:
 
 class SeenInputs(nn.Module):
     """Least, greatest, mean and deviation of each input ``[n]`` that was learned on, in the
-    module's state. Angles (``wraps``) are held only if they
-    never varied, ``free`` inputs never."""
+    module's state. Angles (``wraps``) are held only if they never varied, ``free`` inputs never."""
 
     least: Tensor
     greatest: Tensor
     moments: Tensor
 
-    def __init__(self, names: Sequence[str], wraps: Sequence[bool], free: Sequence[int]) -> None:
+    def __init__(
+        self,
+        names: Sequence[str],
+        wraps: Sequence[bool],
+        free: Sequence[int],
+    ) -> None:
         super().__init__()
         n = len(wraps)
         self.names = names
         self.warned = set[str]()
+        # the other way round, so that the first inputs replace both, and what was never seen shows
         self.register_buffer("least", torch.full((n,), LARGEST))
         self.register_buffer("greatest", torch.full((n,), -LARGEST))
         # count, mean, sum of squared deviations
@@ -61,6 +67,7 @@ class SeenInputs(nn.Module):
     def see(self, inputs: Tensor) -> None:
         """Add inputs ``[*batch, n]`` that are learned on."""
         rows = inputs.reshape(-1, inputs.shape[-1])
+        # in place: a copy of the policy shares these tensors
         torch.minimum(self.least, rows.amin(0), out=self.least)
         torch.maximum(self.greatest, rows.amax(0), out=self.greatest)
         # The parallel form of Welford's formulas (Chan et al., 1979), in double precision: the sums
@@ -71,7 +78,8 @@ class SeenInputs(nn.Module):
         added_mean = values.mean(0)
         difference = added_mean - mean
         total = count + added
-        within = (values - added_mean).square().sum(0)
+        deviations = values - added_mean
+        within = deviations.square().sum(0)
         between = difference.square() * count * added / total
         squares += within + between
         mean += difference * added / total
@@ -99,7 +107,12 @@ class SeenInputs(nn.Module):
         greatest = torch.where(is_held, self.greatest, LARGEST)
         return least, greatest
 
-    def _say(self, inputs: Tensor, least: Tensor, greatest: Tensor) -> None:
+    def _say(
+        self,
+        inputs: Tensor,
+        least: Tensor,
+        greatest: Tensor,
+    ) -> None:
         """Say once of each input that it is farther outside of what was seen than that is wide."""
         span = greatest - least
         rows = inputs.reshape(-1, len(least))
@@ -123,8 +136,11 @@ class SeenInputs(nn.Module):
     def normalised(self, inputs: Tensor) -> Tensor:
         """Inputs less their mean, divided by their deviation; 0 where they never varied."""
         count, mean, squares = self.moments
-        deviation = (squares / count.clamp_min(1.0)).sqrt()
-        scale = torch.where(deviation > 1e-6, 1.0 / deviation.clamp_min(1e-6), 0.0)
+        # before the first input is seen the count is 0
+        variance = squares / count.clamp_min(1.0)
+        deviation = variance.sqrt()
+        varies = deviation > 1e-6
+        scale = torch.where(varies, 1.0 / deviation.clamp_min(1e-6), 0.0)
         normalised: Tensor = (inputs - mean) * scale
         return normalised.to(inputs.dtype)
 
@@ -154,28 +170,29 @@ class ObservationEncoder(nn.Module):
         self.is_scaled = bool(layout.scale)
         self.unit_scale = _constant(layout.scale)
         self.unit_offset = _constant(layout.offset)
-        self.seen = SeenInputs(layout.names, layout.wraps, [goal for goal, _ in layout.goals])
-        is_angle = [wraps and angles != "raw" for wraps in layout.wraps]
-        angle_index = [i for i, is_one in enumerate(is_angle) if is_one]
-        linear_index = [i for i, is_one in enumerate(is_angle) if not is_one]
-        # Linear entries: low..high becomes -1..1, and an unbounded one stays.
-        low = torch.tensor(layout.low)
-        high = torch.tensor(layout.high)
-        bounded = torch.isfinite(low) & torch.isfinite(high) & (high > low)
-        scale = torch.where(bounded, 2.0 / (high - low), 1.0)
-        offset = torch.where(bounded, -(high + low) / (high - low), 0.0)
+        # a goal may be anywhere in its range, whatever goals were learned on
+        goal_index = [goal for goal, _ in layout.goals]
+        self.seen = SeenInputs(layout.names, layout.wraps, goal_index)
+        angle_index: list[int] = []
+        linear_index: list[int] = []
+        for index, wraps in enumerate(layout.wraps):
+            if wraps and angles != "raw":
+                angle_index.append(index)
+            else:
+                linear_index.append(index)
+        scale, offset = _unit_scaling(layout)
         past = layout.past
         # Differences to goals and between angles are of the newest frame alone.
         pairs: list[tuple[int, int]] = []
         if goals == "difference":
             pairs = [pair for pair in layout.goals if pair[0] not in past]
-        goal_index = {goal for goal, _ in layout.goals}
         phases: list[int] = []
         if angles == "phases":
             phases = [i for i in angle_index if i not in goal_index and i not in past]
-        first, second = torch.combinations(torch.tensor(phases, dtype=torch.int64)).T
+        phase_index = torch.tensor(phases, dtype=torch.int64)
+        first, second = torch.combinations(phase_index).T
         # Row i is what entry i is made of: itself, and in an older frame less the newest one.
-        less_newest = torch.eye(len(is_angle))
+        less_newest = torch.eye(len(layout.wraps))
         less_newest[list(past), list(past.values())] = -1.0
         one_rad = less_newest * (math.pi / 180.0)
         # one column per angle: one product gives all angles and their differences in radians
@@ -186,28 +203,49 @@ class ObservationEncoder(nn.Module):
         self.scale = _constant(scale[self.linear])
         self.offset = _constant(offset[self.linear])
         self.has_past = bool(past)
-        self.past_matrix = _constant(less_newest[linear_index][:, linear_index].T.contiguous())
+        linear_less_newest = less_newest[linear_index][:, linear_index]
+        self.past_matrix = _constant(linear_less_newest.T.contiguous())
         # Which features are of older frames, in the order of `forward`.
         linear_is_old = [i in past for i in linear_index]
-        angle_is_old = [i in past for i in angle_index] + [False] * len(first)
-        is_old = [*linear_is_old, *angle_is_old, *angle_is_old, *([False] * len(pairs))]
+        angle_is_old = [i in past for i in angle_index]
+        phase_is_old = [False] * len(first)
+        goal_is_old = [False] * len(pairs)
+        of_sines = angle_is_old + phase_is_old
+        of_cosines = of_sines
+        is_old = linear_is_old + of_sines + of_cosines + goal_is_old
         old = torch.tensor(is_old, dtype=torch.bool)
         self.share = _constant(torch.where(old, PAST_SHARE, 1.0))
+        periods_deg: list[float] = []
+        goal_scale: list[float] = []
+        for goal, _ in pairs:
+            if layout.wraps[goal]:
+                periods_deg.append(360.0)
+                # half a turn is the largest difference
+                goal_scale.append(1 / 180.0)
+            else:
+                # nothing is the other way round: one formula serves for all goals
+                periods_deg.append(math.inf)
+                goal_scale.append(float(scale[goal]))
         self.goal = _constant([goal for goal, _ in pairs], torch.int64)
         self.reached = _constant([reached for _, reached in pairs], torch.int64)
-        # An infinite period turns no difference the other way round: one formula for all goals.
-        self.period = _constant([360.0 if layout.wraps[goal] else math.inf for goal, _ in pairs])
-        goal_scale = [1 / 180.0 if layout.wraps[goal] else float(scale[goal]) for goal, _ in pairs]
+        self.period = _constant(periods_deg)
         self.goal_scale = _constant(goal_scale)
-        self.size = len(linear_index) + 2 * angle_matrix.shape[1] + len(pairs)
+        # sine and cosine of each angle and of each difference between angles
+        circle_size = 2 * angle_matrix.shape[1]
+        self.size = len(linear_index) + circle_size + len(pairs)
 
     def forward(self, observation: Tensor) -> Tensor:
         """Features: scaled entries, then all sines, all cosines, all goal differences."""
         observation = self.seen(self.in_units(observation))
-        linear = self.seen.normalised(observation) if self.normalize else observation
-        linear = linear.index_select(-1, self.linear)
-        linear = linear if self.normalize else torch.addcmul(self.offset, linear, self.scale)
-        parts = [linear @ self.past_matrix if self.has_past else linear]
+        if self.normalize:
+            linear = self.seen.normalised(observation).index_select(-1, self.linear)
+        else:
+            selected = observation.index_select(-1, self.linear)
+            linear = torch.addcmul(self.offset, selected, self.scale)
+        # after the scaling, which is the same in each frame: a difference needs no offset
+        if self.has_past:
+            linear = linear @ self.past_matrix
+        parts = [linear]
         if self.angle_matrix.shape[1]:
             angle_rad = observation @ self.angle_matrix
             parts += [angle_rad.sin(), angle_rad.cos()]
@@ -215,16 +253,34 @@ class ObservationEncoder(nn.Module):
             goal = observation.index_select(-1, self.goal)
             reached = observation.index_select(-1, self.reached)
             difference = goal - reached
+            # the shorter way round
             whole_turns = (difference / self.period).round()
-            parts.append((difference - whole_turns * 360.0) * self.goal_scale)
+            shorter = difference - whole_turns * 360.0
+            parts.append(shorter * self.goal_scale)
         features = torch.cat(parts, -1)
-        return features * self.share if self.has_past else features
+        if self.has_past:
+            features = features * self.share
+        return features
 
     def in_units(self, observation: Tensor) -> Tensor:
         """Observations ``[*batch, n]`` in physical units."""
         if not self.is_scaled:
             return observation
         return (observation - self.unit_offset) / self.unit_scale
+
+
+def _unit_scaling(layout: ObservationLayout) -> tuple[Tensor, Tensor]:
+    """Factor and offset ``[n]`` of each entry, by which low..high becomes -1..1; an unbounded one
+    stays as it is."""
+    low = torch.tensor(layout.low)
+    high = torch.tensor(layout.high)
+    is_finite = torch.isfinite(low) & torch.isfinite(high)
+    # an entry of one value has no range to divide by
+    is_bounded = is_finite & (high > low)
+    span = high - low
+    scale = torch.where(is_bounded, 2.0 / span, 1.0)
+    offset = torch.where(is_bounded, -(high + low) / span, 0.0)
+    return scale, offset
 
 
 def _constant(values: Any, dtype: torch.dtype | None = None) -> nn.Buffer:

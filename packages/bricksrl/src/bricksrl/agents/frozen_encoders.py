@@ -14,7 +14,10 @@ _NETWORKS = {"vip": ("VIPTransform", "resnet50"), "r3m": ("R3MTransform", "resne
 
 
 def encode_images(
-    env: EnvBase, encoder: Literal["vip", "r3m"], *, weights_dir: Path | None = None
+    env: EnvBase,
+    encoder: Literal["vip", "r3m"],
+    *,
+    weights_dir: Path | None = None,
 ) -> Any:
     """Replace an environment's ``image`` by a vector ``embedding`` of 1024 (VIP) or 512 (R3M)
     numbers. Raises EncoderError if torchvision is not installed, the weights cannot be downloaded,
@@ -36,12 +39,18 @@ def encode_images(
         )
     transform, network = _NETWORKS[encoder]
     folder = None if weights_dir is None else str(weights_dir)
+    make_transform = getattr(envs, transform)
     try:
-        encode = getattr(envs, transform)(
-            network, in_keys=["image"], out_keys=["embedding"], download=True, download_path=folder
+        encode = make_transform(
+            network,
+            in_keys=["image"],
+            out_keys=["embedding"],
+            download=True,
+            download_path=folder,
         )
     except (ImportError, OSError, RuntimeError) as error:
-        # also no connection, no disk space, invalid weights
+        # torchvision is missing or of another torch, there is no connection or no disk space, or
+        # the weights are invalid; torchvision's errors name it, and have another remedy
         reason = message_of(error, 120)
         if "torchvision" in reason:
             message = (

@@ -16,14 +16,24 @@ class Keypoints(nn.Module):
     random filters find a coloured spot."""
 
     def __init__(
-        self, image_px: int, colors: int = 3, channels: int = 16, points: int = 16
+        self,
+        image_px: int,
+        colors: int = 3,
+        channels: int = 16,
+        points: int = 16,
     ) -> None:
         super().__init__()
         if image_px < 16:
             raise DescriptionError(
                 f"images of {image_px} px are too small for keypoints; make them 16 px or larger"
             )
-        self.first = nn.Conv2d(colors, channels, 8, stride=4, padding=2)
+        self.first = nn.Conv2d(
+            colors,
+            channels,
+            8,
+            stride=4,
+            padding=2,
+        )
         self.second = nn.Conv2d(channels, points, 1)
         self.sharpness = nn.Parameter(torch.ones(points, 1))
         # as many places along a side as the first convolution leaves: (side + 2 * 2 - 8) / 4 + 1
@@ -47,7 +57,11 @@ class Convolutions(nn.Sequential):
 
     size = 128
 
-    def __init__(self, image_px: int, colors: int = 3) -> None:
+    def __init__(
+        self,
+        image_px: int,
+        colors: int = 3,
+    ) -> None:
         # what the three convolutions leave of a side: kernels of 8, 4 and 3 px, strides of 4, 2, 1
         side_left = ((image_px - 8) // 4 - 3) // 2 - 1
         if side_left < 1:
@@ -83,13 +97,22 @@ def pixels(images: Tensor, shape: ImageShape) -> Tensor:
     return flat.float().mul(1 / span).sub_(0.5 + shape.low / span)
 
 
-def shift_images(images: Tensor, max_px: int, is_channels_last: bool = True) -> Tensor:
+def shift_images(
+    images: Tensor,
+    max_px: int,
+    is_channels_last: bool = True,
+) -> Tensor:
     """Images ``[batch, side, side, 3]``, each shifted randomly; edges are repeated. As in DrQ
     (Kostrikov et al., 2021)."""
     if not is_channels_last:
         return shift_images(images.movedim(1, -1), max_px).movedim(-1, 1)
     batch, side = images.shape[:2]
-    shift = torch.randint(-max_px, max_px + 1, (2, batch, 1), device=images.device)
+    shift = torch.randint(
+        -max_px,
+        max_px + 1,
+        (2, batch, 1),
+        device=images.device,
+    )
     rows, columns = (torch.arange(side, device=images.device) + shift).clamp_(0, side - 1)
     # indices broadcast to [batch, side, side]: a shift of rows and one of columns for each image
     each_image = torch.arange(batch, device=images.device)[:, None, None]

@@ -30,13 +30,19 @@ ACTOR_LOSSES = ("loss_actor", "loss_alpha")
 
 
 def adam(
-    parameters: Iterable[Tensor], settings: Settings, weight_decay: float = 0.0
+    parameters: Iterable[Tensor],
+    settings: Settings,
+    weight_decay: float = 0.0,
 ) -> torch.optim.Optimizer:
     """Adam with decoupled weight decay over all parameters with gradients."""
     learned = [parameter for parameter in parameters if parameter.requires_grad]
     betas = (settings.adam_beta, 0.999)
     return torch.optim.AdamW(
-        learned, lr=settings.learning_rate, betas=betas, weight_decay=weight_decay, fused=True
+        learned,
+        lr=settings.learning_rate,
+        betas=betas,
+        weight_decay=weight_decay,
+        fused=True,
     )
 
 
@@ -161,7 +167,11 @@ class Learner:
         """Write the best "action"."""
         return self._act(tensordict, ExplorationType.DETERMINISTIC)
 
-    def _act(self, tensordict: TensorDictBase, exploration: ExplorationType) -> TensorDictBase:
+    def _act(
+        self,
+        tensordict: TensorDictBase,
+        exploration: ExplorationType,
+    ) -> TensorDictBase:
         # Between two actions, so that no action is of half new weights.
         if self.weights:
             self.acting.load_state_dict(self.weights.pop())
@@ -169,7 +179,11 @@ class Learner:
             acted: TensorDictBase = self.acting(tensordict)
         return acted
 
-    def remember(self, frames: TensorDictBase, robot: int = 0) -> None:
+    def remember(
+        self,
+        frames: TensorDictBase,
+        robot: int = 0,
+    ) -> None:
         """Store frames ``[time]`` or ``[copies, time]``; robots may alternate."""
         if self.memory is None or self.imitates:
             return
@@ -432,7 +446,9 @@ def memory_state(memory: ReplayBuffer) -> dict[str, Any]:
 
 
 def load_memory_state(
-    memory: ReplayBuffer, state: dict[str, Any], device: torch.device | str = "cpu"
+    memory: ReplayBuffer,
+    state: dict[str, Any],
+    device: torch.device | str = "cpu",
 ) -> None:
     """Restore `memory_state`. Raises ValueError, KeyError or RuntimeError if the state is of
     another buffer."""
@@ -472,4 +488,11 @@ def off_policy_learner(
     for name in ("updates_per_step", "prefill_episodes", "actor_delay", "scale_rewards"):
         options[name] = getattr(settings, name)
     options["reset_every"] = settings.reset_every if isinstance(settings, CriticSettings) else 0
-    return Learner(policy, loss, adam(learned, settings), memory, target, **options)
+    return Learner(
+        policy,
+        loss,
+        adam(learned, settings),
+        memory,
+        target,
+        **options,
+    )

@@ -25,11 +25,19 @@ class Dropout(nn.Dropout):
     def forward(self, x: Tensor) -> Tensor:
         if not self.training or x.device.type != "cpu":
             return super().forward(x)
+        # units dropped of 2^16; never all, as what is kept is divided by its share
         dropped = min(round(self.p * 2**16), 2**16 - 1)
-        pairs = torch.randint(-(2**63), 2**63 - 1, (-(-x.numel() // 4),)).view(torch.int32)
-        # of which the upper half decides
-        bits = torch.cat((pairs, pairs << 16))[: x.numel()].view(x.shape)
-        return x * bits.to(x.dtype).ge_(dropped * 2**16 - 2**31).mul_(2**16 / (2**16 - dropped))
+        # 64 bits serve four units: two int32, each of which serves once as it is and once shifted,
+        # so that its other half leads
+        count = -(-x.numel() // 4)
+        halves = torch.randint(-(2**63), 2**63 - 1, (count,)).view(torch.int32)
+        drawn = torch.cat((halves, halves << 16))[: x.numel()]
+        bits = drawn.view(x.shape)
+        # int32 begin at -2^31: `dropped` of 2^16 values of the leading half lie below this
+        bound = dropped * 2**16 - 2**31
+        kept = bits.to(x.dtype).ge_(bound)
+        # the expected value of a unit stays the same
+        return x * kept.mul_(2**16 / (2**16 - dropped))
 
 
 class BatchNorm(nn.BatchNorm1d):
@@ -37,7 +45,10 @@ class BatchNorm(nn.BatchNorm1d):
     running statistics."""
 
     def forward(self, x: Tensor) -> Tensor:
-        return super().forward(x.reshape(-1, x.shape[-1])).view(x.shape)
+        # torch's own takes the channels of ``[batch, size, length]`` for what it normalises
+        flat = x.reshape(-1, x.shape[-1])
+        normalised = super().forward(flat)
+        return normalised.view(x.shape)
 
 
 _NORMS: dict[str, type[nn.Module]] = {"layer": nn.LayerNorm, "rms": nn.RMSNorm, "batch": BatchNorm}
@@ -57,25 +68,38 @@ def mlp(
     layers = list[nn.Module]()
     for size, units in itertools.pairwise(sizes):
         layers.append(nn.Linear(size, units))
-        layers += [Dropout(dropout)] if dropout else []
-        layers += [_NORMS[norm](units)] if norm != "none" else []
+        if dropout:
+            layers.append(Dropout(dropout))
+        if norm != "none":
+            layers.append(_NORMS[norm](units))
         layers.append(nn.ReLU(inplace=True))
     return nn.Sequential(*layers, nn.Linear(sizes[-1], out_size))
 
 
-def make_body(settings: Settings, in_size: int, out_size: int, **kwargs: Any) -> nn.Module:
+def make_body(
+    settings: Settings,
+    in_size: int,
+    out_size: int,
+    **kwargs: Any,
+) -> nn.Module:
     """The network of the settings: an `mlp`, or the result of the user's factory, tried once before
     it learns. Raises DescriptionError if that cannot be loaded, raises, or returns no network of
     these sizes."""
     reference = settings.network
-    if kwargs.pop("layer_norm", False):  # as agents of users say
+    # as agents of users say
+    if kwargs.pop("layer_norm", False):
         kwargs["norm"] = "layer"
     if kwargs.get("norm") == "batch" and settings.batch_size < 2:
         raise DescriptionError(
             "a batch of 1 has no statistics; give a batch_size of 2 or more, or another norm"
         )
     if not reference:
-        return mlp(in_size, out_size, settings.hidden, **kwargs)
+        return mlp(
+            in_size,
+            out_size,
+            settings.hidden,
+            **kwargs,
+        )
     if not is_reference(reference):
         raise UnknownNameError(f"there is no network '{reference}'; give FILE.py:NAME")
     factory = load_object(reference, default="make_network")
@@ -85,56 +109,85 @@ def make_body(settings: Settings, in_size: int, out_size: int, **kwargs: Any) ->
         raise DescriptionError(
             f"{reference} makes a {type(network).__name__}; let it return a torch.nn.Module"
         )
+    _try_network(
+        network,
+        reference,
+        in_size,
+        out_size,
+    )
+    return network
+
+
+def _try_network(
+    network: nn.Module,
+    reference: str,
+    in_size: int,
+    out_size: int,
+) -> None:
+    """Raise DescriptionError if a user's network fails or has other sizes."""
+    # an update passes a batch, a robot one observation without a batch
     for batch in ((2,), ()):
         size = [*batch, in_size]
         wanted = [*batch, out_size]
         try:
+            # a copy, and random numbers that are put back: to have been tried changes no run
             with torch.no_grad(), torch.random.fork_rng(devices=[]):
-                out = copy.deepcopy(network).eval()(torch.zeros(size))
+                tried = copy.deepcopy(network).eval()
+                out = tried(torch.zeros(size))
         except Exception as error:
             fault = f"makes a network that fails on {size} ({message_of(error, typed=True)})"
-            remedy = (
-                "correct it"
-                if batch
-                else "a policy acts on one observation at a time; normalise with LayerNorm"
-            )
+            if batch:
+                remedy = "correct it"
+            else:
+                # such as ``nn.BatchNorm1d``, which takes nothing without a batch
+                remedy = "a policy acts on one observation at a time; normalise with LayerNorm"
             raise DescriptionError(f"{reference} {fault}; {remedy}") from error
         actual = list(out.shape) if isinstance(out, Tensor) else type(out).__name__
         if actual != wanted:
             raise DescriptionError(
                 f"{reference} makes a network from {size} to {actual}; let it give {wanted}"
             )
-    return network
 
 
 class Actor(nn.Module):
     """Encoder, body and head in sequence."""
 
-    def __init__(self, encoder: nn.Module, body: nn.Module, head: nn.Module) -> None:
+    def __init__(
+        self,
+        encoder: nn.Module,
+        body: nn.Module,
+        head: nn.Module,
+    ) -> None:
         super().__init__()
         self.encoder = encoder
         self.body = body
         self.head = head
 
     def forward(self, *inputs: Tensor) -> Any:
-        return self.head(self.body(self.encoder(*inputs)))
+        features = self.encoder(*inputs)
+        return self.head(self.body(features))
 
 
 class Keyed(TensorDictModuleBase):  # type: ignore[misc]
     """A module of tensors between keys: a ``TensorDictModule`` that does not import pandas to see
     whether a tensor is a table, which takes as long as the first 30 updates."""
 
-    def __init__(self, module: nn.Module, in_keys: list[str], out_keys: list[str]) -> None:
+    def __init__(
+        self,
+        module: nn.Module,
+        in_keys: list[str],
+        out_keys: list[str],
+    ) -> None:
         super().__init__()
         self.module = module
         self.in_keys = in_keys
         self.out_keys = out_keys
 
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
-        out = self.module(*(tensordict[key] for key in self.in_keys))
-        for key, value in zip(
-            self.out_keys, out if isinstance(out, tuple) else (out,), strict=True
-        ):
+        inputs = [tensordict[key] for key in self.in_keys]
+        out = self.module(*inputs)
+        values = out if isinstance(out, tuple) else (out,)
+        for key, value in zip(self.out_keys, values, strict=True):
             tensordict[key] = value
         return tensordict
 
@@ -160,12 +213,10 @@ def gaussian_policy(
     """A tanh-squashed normal policy. ``body``: features to location and raw scale, twice the
     action's size; ``min_scale``: least standard deviation before the tanh; ``log_prob``: write the
     action's log-probability too."""
+    head = NormalParamExtractor(scale_lb=min_scale)
+    actor = Keyed(Actor(encoder, body, head), encoder_keys(encoder), ["loc", "scale"])
     return ProbabilisticActor(
-        Keyed(
-            Actor(encoder, body, NormalParamExtractor(scale_lb=min_scale)),
-            encoder_keys(encoder),
-            ["loc", "scale"],
-        ),
+        actor,
         in_keys=["loc", "scale"],
         distribution_class=TanhNormal,
         spec=Composite(action=spec),
@@ -174,11 +225,19 @@ def gaussian_policy(
 
 
 def deterministic_policy(
-    encoder: nn.Module, body: nn.Module, spec: TensorSpec, *, noise: float
+    encoder: nn.Module,
+    body: nn.Module,
+    spec: TensorSpec,
+    *,
+    noise: float,
 ) -> tuple[Keyed, TensorDictSequential]:
     """A deterministic actor ``tanh(body)``, and the policy that adds normal exploration noise."""
     actor = Keyed(Actor(encoder, body, nn.Tanh()), encoder_keys(encoder), ["action"])
+    # the same at both ends, so that TorchRL anneals nothing
     exploration = AdditiveGaussianModule(
-        spec, sigma_init=noise, sigma_end=noise, annealing_num_steps=1
+        spec,
+        sigma_init=noise,
+        sigma_end=noise,
+        annealing_num_steps=1,
     )
     return actor, TensorDictSequential(actor, exploration)

@@ -68,16 +68,26 @@ PRESETS = {
 }
 
 
-def build(env: EnvBase, settings: PPOSettings, device: torch.device | str = "cpu") -> Learner:
+def build(
+    env: EnvBase,
+    settings: PPOSettings,
+    device: torch.device | str = "cpu",
+) -> Learner:
     """PPO for an environment. Initialized from torch's global generator."""
     m = action_size(env)
     copies = max(1, env.batch_size.numel())
     encoder = make_encoder(env, settings)
     body = make_body(settings, encoder.size, 2 * m)
     policy = gaussian_policy(
-        encoder, body, action_spec(env), min_scale=settings.min_scale, log_prob=True
+        encoder,
+        body,
+        action_spec(env),
+        min_scale=settings.min_scale,
+        log_prob=True,
     ).to(device)
-    critic = value_operator(encoder, make_body(settings, encoder.size, 1)).to(device)
+    # on the policy's encoder, which both losses train
+    value_body = make_body(settings, encoder.size, 1)
+    critic = value_operator(encoder, value_body).to(device)
     loss = ClipPPOLoss(
         policy,
         critic,
@@ -87,7 +97,10 @@ def build(env: EnvBase, settings: PPOSettings, device: torch.device | str = "cpu
         loss_critic_type="l2",
     ).to(device)
     advantage = GAE(
-        gamma=settings.gamma, lmbda=settings.gae_lambda, value_network=critic, device=device
+        gamma=settings.gamma,
+        lmbda=settings.gae_lambda,
+        value_network=critic,
+        device=device,
     )
 
     keys = loss.tensor_keys
@@ -100,20 +113,25 @@ def build(env: EnvBase, settings: PPOSettings, device: torch.device | str = "cpu
     ]
 
     def estimate(frames: TensorDictBase) -> TensorDictBase:
+        # over time, and therefore before the frames are shuffled
         with torch.no_grad():
             estimated: TensorDictBase = advantage(frames)
+        # the next states have served: what the loss does not read would double the memory
         return estimated.select(*used_keys)
 
     frames = settings.steps * copies
+    memory = TensorDictReplayBuffer(
+        storage=LazyTensorStorage(frames, device=device),
+        # a pass meets each frame once
+        sampler=SamplerWithoutReplacement(),
+        # few copies collect less than a batch
+        batch_size=min(settings.batch_size, frames),
+    )
     return Learner(
         policy=policy,
         loss=loss,
         optimizer=adam(loss.parameters(), settings),
-        memory=TensorDictReplayBuffer(
-            storage=LazyTensorStorage(frames, device=device),
-            sampler=SamplerWithoutReplacement(),
-            batch_size=min(settings.batch_size, frames),
-        ),
+        memory=memory,
         prepare=estimate,
         on_policy=True,
         updates_per_step=settings.passes,

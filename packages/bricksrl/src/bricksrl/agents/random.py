@@ -22,24 +22,33 @@ class RandomSettings:
 PRESETS = {"random": Presets(RandomSettings(), images=RandomSettings(), paper=RandomSettings())}
 
 
-def uniform_actions(observation: Tensor, *, size: int, dims: int = 1) -> Tensor:
+def uniform_actions(
+    observation: Tensor,
+    *,
+    size: int,
+    dims: int = 1,
+) -> Tensor:
     """Uniform actions ``[*batch, size]`` in -1..1, with or without exploration, for observations of
     ``dims`` dimensions."""
-    return (
-        2.0
-        * torch.rand(*observation.shape[: observation.ndim - dims], size, device=observation.device)
-        - 1.0
-    )
+    batch = observation.shape[: observation.ndim - dims]
+    shares = torch.rand(*batch, size, device=observation.device)
+    return 2.0 * shares - 1.0
 
 
-def build(env: EnvBase, settings: RandomSettings, device: torch.device | str = "cpu") -> Learner:
+def build(
+    env: EnvBase,
+    settings: RandomSettings,
+    device: torch.device | str = "cpu",
+) -> Learner:
     """Random actions for an environment."""
+    # nothing is learned, and the observation's device is that of the actions
     del settings, device
     layout = layout_of(env)
-    act = functools.partial(
-        uniform_actions,
-        size=action_size(env),
-        dims=len(layout.vectors[0][1]) if layout.vectors else 3,
-    )
+    # any one input tells the batch; vectors come first, and an image has three dimensions
+    dims = 3
+    if layout.vectors:
+        _, shape = layout.vectors[0]
+        dims = len(shape)
+    act = functools.partial(uniform_actions, size=action_size(env), dims=dims)
     policy = TensorDictModule(act, in_keys=layout.keys[:1], out_keys=["action"])
     return Learner(policy=policy, updates_per_step=0.0)

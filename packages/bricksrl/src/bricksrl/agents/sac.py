@@ -34,8 +34,9 @@ from bricksrl.agents.settings import (
 from bricksrl.errors import DescriptionError
 
 LEAST_SCALE = 0.01
+"""Added to each scale, as in tensordict's ``NormalParamExtractor``."""
 SCALE_SHIFT = math.log(math.expm1(1.0 - LEAST_SCALE))
-"""An output of 0 gives a scale of 1, as in tensordict's ``NormalParamExtractor``."""
+"""Added before the softplus, so that an output of 0 gives a scale of 1, as there."""
 
 
 @dataclass(frozen=True)
@@ -68,7 +69,11 @@ class SACSettings(EntropySettings, CriticSettings, TargetSettings, OffPolicySett
 
 
 _IMAGES = SACSettings(**IMAGES_TARGETS, actor_delay=1)
-_PAPER = SACSettings(**PAPER_TARGETS, actor_delay=1, alpha_init=1.0)
+_PAPER = SACSettings(
+    **PAPER_TARGETS,
+    actor_delay=1,
+    alpha_init=1.0,
+)
 _DROQ: dict[str, Any] = {
     "dropout": 0.01,
     "updates_per_step": 20.0,
@@ -87,14 +92,26 @@ _RELEASED_DROQ: dict[str, Any] = {
 }
 """As released with the BricksRL paper: its actor is like its critics, and learns with them."""
 PRESETS = {
-    "sac": Presets(default=SACSettings(), images=_IMAGES, paper=_PAPER),
+    "sac": Presets(
+        default=SACSettings(),
+        images=_IMAGES,
+        paper=_PAPER,
+    ),
     "droq": Presets(
-        default=SACSettings(**_DROQ, batch_size=256, alpha_init=0.2),
+        default=SACSettings(
+            **_DROQ,
+            batch_size=256,
+            alpha_init=0.2,
+        ),
         images=replace(_IMAGES, **_DROQ, alpha_init=0.2),
         paper=replace(_PAPER, **_RELEASED_DROQ),
     ),
     "redq": Presets(
-        default=SACSettings(**_REDQ, batch_size=256, alpha_init=0.2),
+        default=SACSettings(
+            **_REDQ,
+            batch_size=256,
+            alpha_init=0.2,
+        ),
         images=replace(_IMAGES, **_REDQ, alpha_init=0.2),
         paper=replace(_PAPER, **_REDQ),
     ),
@@ -108,9 +125,18 @@ class SACLoss(ActorCriticLoss):
     out_keys = ["loss_qvalue", "loss_actor", "loss_alpha", "alpha", "entropy"]  # noqa: RUF012
 
     def __init__(
-        self, encoder: nn.Module, actor: nn.Module, critics: Critics, settings: Any
+        self,
+        encoder: nn.Module,
+        actor: nn.Module,
+        critics: Critics,
+        settings: Any,
     ) -> None:
-        super().__init__(encoder, actor, critics, settings)
+        super().__init__(
+            encoder,
+            actor,
+            critics,
+            settings,
+        )
         self.settings = settings
         self.target_critics = copy.deepcopy(critics).requires_grad_(False)
         self.log_alpha = nn.Parameter(torch.tensor(math.log(settings.alpha_init)))
@@ -123,17 +149,25 @@ class SACLoss(ActorCriticLoss):
     @torch.no_grad()
     def target_qvalue(self, batch: Batch) -> Tensor:
         """Reward plus discounted soft value of the next state."""
-        next_action, next_log_prob = self.draw(self.actor(batch.next_features), batch.next_base)
-        return batch.reward + batch.discount * (
-            self.next_qvalue(batch, next_action) - self.alpha * next_log_prob
-        )
+        out = self.actor(batch.next_features)
+        next_action, next_log_prob = self.draw(out, batch.next_base)
+        next_qvalue = self.next_qvalue(batch, next_action)
+        # soft: an uncertain policy is worth more by the temperature times its entropy
+        next_value = next_qvalue - self.alpha * next_log_prob
+        return batch.reward + batch.discount * next_value
 
-    def next_qvalue(self, batch: Batch, next_action: Tensor) -> Tensor:
+    def next_qvalue(
+        self,
+        batch: Batch,
+        next_action: Tensor,
+    ) -> Tensor:
         """Minimum ``[batch]`` of the target critics drawn for this update."""
         count = self.settings.num_min_qs
         critics = self.target_critics
-        drawn = torch.randperm(len(critics))[:count] if count < len(critics) else None
-        # a graph cannot depend on the drawn indices
+        drawn = None
+        if count < len(critics):
+            drawn = torch.randperm(len(critics))[:count]
+        # only those that count are computed; a graph cannot depend on the drawn indices
         if drawn is not None and not torch.compiler.is_compiling():
             critics = Critics(critics[i] for i in drawn.tolist())
             drawn = None
@@ -144,7 +178,9 @@ class SACLoss(ActorCriticLoss):
 
     def actor_loss(self, batch: Batch) -> dict[str, Tensor]:
         """Losses of actor and temperature."""
-        action, log_prob = self.draw(self.actor_outputs(batch.features), batch.base)
+        out = self.actor_outputs(batch.features)
+        action, log_prob = self.draw(out, batch.base)
+        # detached, as only the critics' loss trains the encoder
         values = self.critics(batch.features.detach(), action)
         value = values.amin(0) if self.settings.actor_q == "min" else values.mean(0)
         return {
@@ -152,7 +188,11 @@ class SACLoss(ActorCriticLoss):
             **self.alpha_loss(log_prob, action.shape[-1]),
         }
 
-    def alpha_loss(self, log_prob: Tensor, action_size: int) -> dict[str, Tensor]:
+    def alpha_loss(
+        self,
+        log_prob: Tensor,
+        action_size: int,
+    ) -> dict[str, Tensor]:
         """Loss of the temperature from log-probabilities ``[batch]``, temperature and entropy."""
         entropy = -log_prob.detach().mean()
         target = self.settings.target_entropy * action_size
@@ -162,24 +202,33 @@ class SACLoss(ActorCriticLoss):
             "entropy": entropy,
         }
 
-    def draw(self, out: Tensor, base: Tensor | None = None) -> tuple[Tensor, Tensor]:
+    def draw(
+        self,
+        out: Tensor,
+        base: Tensor | None = None,
+    ) -> tuple[Tensor, Tensor]:
         """Action ``[*batch, m]`` and log-probability ``[*batch]`` from the actor's outputs: a
         faster ``TanhNormal``. The probability is of what is added to a base."""
         loc, scale = location_and_scale(out, self.settings.min_scale)
         noise = torch.randn(*loc.shape, dtype=out.dtype, device=out.device)
         x = torch.addcmul(loc, scale, noise)
         # log of the normal density, less log(1 - tanh(x)^2) = 2 (log 2 - x - softplus(-2 x)), which
-        # stays finite for large x
-        parts = noise.square() * 0.25 + scale.log() * 0.5 - x - functional.softplus(-2.0 * x)
-        constant = loc.shape[-1] * (2.0 * math.log(2.0) + 0.5 * math.log(2.0 * math.pi))
-        return on_base(x.tanh(), base), -2.0 * parts.sum(-1) - constant
+        # stays finite for large x; divided by -2, and without what is constant: [*batch, m]
+        normal = noise.square() * 0.25 + scale.log() * 0.5
+        parts = normal - x - functional.softplus(-2.0 * x)
+        constant_of_entry = 2.0 * math.log(2.0) + 0.5 * math.log(2.0 * math.pi)
+        constant = loc.shape[-1] * constant_of_entry
+        log_prob = -2.0 * parts.sum(-1) - constant
+        return on_base(x.tanh(), base), log_prob
 
 
 def location_and_scale(out: Tensor, min_scale: float) -> tuple[Tensor, Tensor]:
     """Location and scale ``[*batch, m]`` of the normal before the tanh, from outputs ``[*batch, 2
     m]``."""
     loc, raw_scale = out.chunk(2, -1)
-    return loc, (functional.softplus(raw_scale + SCALE_SHIFT) + LEAST_SCALE).clamp_min(min_scale)
+    # tensordict's formula, so that the loss sees the distribution that the policy draws from
+    scale = functional.softplus(raw_scale + SCALE_SHIFT) + LEAST_SCALE
+    return loc, scale.clamp_min(min_scale)
 
 
 def build(
@@ -193,13 +242,35 @@ def build(
     m = action_size(env)
     encoder = make_encoder(env, settings)
     actor = make_body(
-        settings, encoder.size, 2 * m, norm=settings.actor_norm, dropout=settings.actor_dropout
+        settings,
+        encoder.size,
+        2 * m,
+        norm=settings.actor_norm,
+        dropout=settings.actor_dropout,
     )
-    kwargs = {"norm": settings.critic_norm, "dropout": settings.dropout}
-    critics = Critics(
-        [make_body(settings, encoder.size + m, 1, **kwargs) for _ in range(settings.num_qs)]
+    bodies = [
+        make_body(
+            settings,
+            encoder.size + m,
+            1,
+            norm=settings.critic_norm,
+            dropout=settings.dropout,
+        )
+        for _ in range(settings.num_qs)
+    ]
+    critics = Critics(bodies)
+    policy = gaussian_policy(
+        encoder,
+        actor,
+        action_spec(env),
+        min_scale=settings.min_scale,
     )
-    policy = gaussian_policy(encoder, actor, action_spec(env), min_scale=settings.min_scale)
     loss = make_loss(encoder, actor, critics, settings).to(device)
     target = PolyakUpdate((loss.critics, loss.target_critics), tau=settings.tau)
-    return off_policy_learner(env, settings, policy.to(device), loss, target)
+    return off_policy_learner(
+        env,
+        settings,
+        policy.to(device),
+        loss,
+        target,
+    )

@@ -11,9 +11,11 @@ from brickhub.fields import Range as Range  # noqa: PLC0414  users find it besid
 from brickhub.fields import check_fields
 from bricksrl.errors import DescriptionError
 
+# settings come from files: a typing error must not ask for all of the memory
 MAX_UNITS = 2**14
+"""Most units of a hidden layer."""
 MAX_WEIGHTS = 2**26
-"""Limits of layer sizes and hidden weights, as settings come from files."""
+"""Most weights between the hidden layers of a network."""
 Positive = Range(above=True)
 NotNegative = Range()
 Share = Range(0.0, 1.0)
@@ -51,9 +53,8 @@ class Settings:
 
     def __post_init__(self) -> None:
         check_fields(type(self), vars(self))
-        if not self.hidden or not all(
-            isinstance(units, int) and 1 <= units <= MAX_UNITS for units in self.hidden
-        ):
+        are_sizes = all(isinstance(units, int) and 1 <= units <= MAX_UNITS for units in self.hidden)
+        if not self.hidden or not are_sizes:
             valid = (
                 f"the units of at least one layer, up to {MAX_UNITS:,} in each, as in (256, 256)"
             )

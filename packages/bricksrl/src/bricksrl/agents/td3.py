@@ -61,7 +61,11 @@ PRESETS = {
     "td3": Presets(
         default=TD3Settings(),
         images=TD3Settings(**IMAGES_TARGETS),
-        paper=TD3Settings(**PAPER_TARGETS, **PAPER_NOISE, start_value=False),
+        paper=TD3Settings(
+            **PAPER_TARGETS,
+            **PAPER_NOISE,
+            start_value=False,
+        ),
     )
 }
 
@@ -76,9 +80,18 @@ class TD3Loss(ActorCriticLoss):
     out_keys = ["loss_qvalue", "loss_actor"]  # noqa: RUF012  as in TorchRL
 
     def __init__(
-        self, encoder: nn.Module, actor: nn.Module, critics: Critics, settings: TD3Settings
+        self,
+        encoder: nn.Module,
+        actor: nn.Module,
+        critics: Critics,
+        settings: TD3Settings,
     ) -> None:
-        super().__init__(encoder, actor, critics, settings)
+        super().__init__(
+            encoder,
+            actor,
+            critics,
+            settings,
+        )
         self.target_actor = copy.deepcopy(actor).requires_grad_(False)
         self.target_critics = copy.deepcopy(critics).requires_grad_(False)
         self.target_noise = settings.target_noise
@@ -87,13 +100,17 @@ class TD3Loss(ActorCriticLoss):
     @torch.no_grad()
     def target_qvalue(self, batch: Batch) -> Tensor:
         """Reward plus discounted minimum value of the next state with a noisy action."""
-        action = on_base(self.target_actor(batch.next_features).tanh(), batch.next_base)
-        noise = (self.target_noise * torch.randn_like(action)).clamp_(
-            -self.target_noise_clip, self.target_noise_clip
-        )
-        next_value: Tensor = self.target_critics(
-            batch.next_features, (action + noise).clamp_(-1.0, 1.0)
-        ).amin(0)
+        next_action = self.target_actor(batch.next_features).tanh()
+        action = on_base(next_action, batch.next_base)
+        # target policy smoothing (section 5.3 of the paper): similar actions get similar values, so
+        # that the actor cannot settle on a narrow peak that only an error of the critics made
+        noise = self.target_noise * torch.randn_like(action)
+        noise.clamp_(-self.target_noise_clip, self.target_noise_clip)
+        noisy_action = (action + noise).clamp_(-1.0, 1.0)
+        # clipped double Q-learning (section 4.2): a maximum over noisy values is too high, and the
+        # lower one of two makes up for it
+        next_values = self.target_critics(batch.next_features, noisy_action)  # [k, batch]
+        next_value: Tensor = next_values.amin(0)
         return batch.reward + batch.discount * next_value
 
     @torch.no_grad()
@@ -103,40 +120,73 @@ class TD3Loss(ActorCriticLoss):
         terminated))``: LSTD with a constant as its only feature. A discount near 1 has a horizon
         that no data show: of `FARTHEST`'s, and of what was seen, the nearer one is taken."""
         after = transitions["next"]
-        ending = 1.0 - self.gamma * (~after["terminated"]).float().mean()
+        goes_on = (~after["terminated"]).float().mean()
+        ending = 1.0 - self.gamma * goes_on
         if self.gamma > FARTHEST:
-            ending = ending.clamp_min(max(1.0 - FARTHEST, 1.0 / len(transitions)))
+            least_ending = max(1.0 - FARTHEST, 1.0 / len(transitions))
+            ending = ending.clamp_min(least_ending)
         value = after["reward"].mean() / ending
+        # the targets too: from 0 they would draw the critics back
         for critic in (*self.critics, *self.target_critics):
-            for last in [
-                layer
-                for layer in critic.modules()
-                if isinstance(layer, nn.Linear) and layer.bias is not None
-            ][-1:]:
-                last.bias.fill_(value)
+            last_layer = last_biased_layer(critic)
+            if last_layer is not None:
+                last_layer.bias.fill_(value)
 
     def actor_loss(self, batch: Batch) -> dict[str, Tensor]:
         """The negated value of the actor's actions by the first critic."""
-        action = on_base(self.actor_outputs(batch.features).tanh(), batch.base)
-        values = self.critics[0](torch.cat((batch.features.detach(), action), -1))
+        learned_action = self.actor_outputs(batch.features).tanh()
+        action = on_base(learned_action, batch.base)
+        # detached, as only the critics' loss trains the encoder
+        features = batch.features.detach()
+        # the first one alone, as in algorithm 1 of the paper: the minimum is for targets
+        values = self.critics[0](torch.cat((features, action), -1))
         return {"loss_actor": -values.mean()}
 
 
-def build(env: EnvBase, settings: TD3Settings, device: torch.device | str = "cpu") -> Learner:
+def last_biased_layer(network: nn.Module) -> nn.Linear | None:
+    """The last linear layer with a bias; ``None`` if a user's network has none."""
+    last = None
+    for layer in network.modules():
+        if isinstance(layer, nn.Linear) and layer.bias is not None:
+            last = layer
+    return last
+
+
+def build(
+    env: EnvBase,
+    settings: TD3Settings,
+    device: torch.device | str = "cpu",
+) -> Learner:
     """TD3 for an environment. Initialized from torch's global generator."""
     m = action_size(env)
     encoder = make_encoder(env, settings)
-    body = make_body(settings, encoder.size, m, norm=settings.actor_norm)
-    critics = Critics(
-        [make_body(settings, encoder.size + m, 1, norm=settings.critic_norm) for _ in range(2)]
+    body = make_body(
+        settings,
+        encoder.size,
+        m,
+        norm=settings.actor_norm,
     )
+    # the twins, which differ by their random initial weights only
+    twins = [
+        make_body(
+            settings,
+            encoder.size + m,
+            1,
+            norm=settings.critic_norm,
+        )
+        for _ in range(2)
+    ]
+    critics = Critics(twins)
     _, policy = deterministic_policy(
-        encoder, body, action_spec(env), noise=settings.exploration_noise
+        encoder,
+        body,
+        action_spec(env),
+        noise=settings.exploration_noise,
     )
     loss = TD3Loss(encoder, body, critics, settings).to(device)
-    target = PolyakUpdate(
-        (loss.critics, loss.target_critics), (loss.actor, loss.target_actor), tau=settings.tau
-    )
+    moving_critics = (loss.critics, loss.target_critics)
+    moving_actor = (loss.actor, loss.target_actor)
+    target = PolyakUpdate(moving_critics, moving_actor, tau=settings.tau)
     begin = loss.start_at_mean_value if settings.start_value else None
     return off_policy_learner(
         env,
@@ -144,6 +194,7 @@ def build(env: EnvBase, settings: TD3Settings, device: torch.device | str = "cpu
         policy.to(device),
         loss,
         target,
+        # "delayed": the targets move in the updates that include the actor (algorithm 1)
         target_delay=settings.actor_delay,
         begin=begin,
     )

@@ -51,36 +51,49 @@ class Base(nn.Module):
         self.in_keys = list(policy.in_keys)
 
     def forward(self, observed: TensorDictBase) -> Tensor:
+        # a new TensorDict, as the policy writes its action into what it is given
+        selected = observed.select(*self.in_keys)
+        # what is learned explores on top of it, and a base that explored too would hide that
         with set_exploration_type(ExplorationType.DETERMINISTIC):
-            action: Tensor = self.policy(observed.select(*self.in_keys))["action"]
+            action: Tensor = self.policy(selected)["action"]
         return action
 
 
 class Scripted(TensorDictModuleBase):  # type: ignore[misc]
     """A hand-written controller of arrays, for TensorDicts of any batch."""
 
-    def __init__(self, policy: ArrayPolicy, keys: Sequence[str]) -> None:
+    def __init__(
+        self,
+        policy: ArrayPolicy,
+        keys: Sequence[str],
+    ) -> None:
         super().__init__()
         self.controller = policy
         self.in_keys = list(keys)
         self.out_keys = ["action"]
 
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
-        rows = tensordict.select(*self.in_keys).reshape(-1).cpu()
+        # a controller knows one observation, and no batch
+        flat = tensordict.select(*self.in_keys).reshape(-1).cpu()
         acted = []
-        for row in rows:
+        for single in flat:
             # a copy, as a controller is free to write into what it is given
-            observed = {key: row[key].numpy().copy() for key in self.in_keys}
+            observed = {key: single[key].numpy().copy() for key in self.in_keys}
             acted.append(self.controller(observed))
-        action = torch.as_tensor(np.stack(acted), dtype=torch.float32, device=tensordict.device)
-        return tensordict.set("action", action.view(*tensordict.batch_size, -1))
+        # NumPy's own numbers are float64
+        actions = torch.as_tensor(np.stack(acted), dtype=torch.float32, device=tensordict.device)
+        return tensordict.set("action", actions.view(*tensordict.batch_size, -1))
 
 
 class Residual(TensorDictModuleBase):  # type: ignore[misc]
     """A policy that adds the actions of a ``learned`` one to those of its base (Johannink et al.,
     2019), within -1..1."""
 
-    def __init__(self, base: Base, learned: TensorDictModuleBase) -> None:
+    def __init__(
+        self,
+        base: Base,
+        learned: TensorDictModuleBase,
+    ) -> None:
         super().__init__()
         self.base = base
         self.learned = learned
@@ -88,8 +101,9 @@ class Residual(TensorDictModuleBase):  # type: ignore[misc]
         self.out_keys = ["action"]
 
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
-        base = self.base(tensordict)
-        return tensordict.set("action", on_base(self.learned(tensordict)["action"], base))
+        base_action = self.base(tensordict)
+        learned_action = self.learned(tensordict)["action"]
+        return tensordict.set("action", on_base(learned_action, base_action))
 
 
 def add_base(learner: Learner, base: Base) -> None:
@@ -105,21 +119,33 @@ def add_base(learner: Learner, base: Base) -> None:
     hold(learner)
 
 
-def imitate(learner: Learner, frames: TensorDictBase, actions: Tensor) -> None:
+def imitate(
+    learner: Learner,
+    frames: TensorDictBase,
+    actions: Tensor,
+) -> None:
     """Teach a new learner's actor the ``actions`` ``[time, m]`` for what ``frames`` ``[time]``
     observe, by least squares, and hold it there. Raises RunError as `hold` does."""
     loss = _teachable(learner)
     frames = frames.to(learner.device)
     actions = actions.to(learner.device)
-    optimizer = torch.optim.Adam([*loss.encoder.parameters(), *loss.actor.parameters()], fused=True)
+    # one of its own: moments of imitation would steer the learner's first updates
+    taught = [*loss.encoder.parameters(), *loss.actor.parameters()]
+    optimizer = torch.optim.Adam(taught, fused=True)
+    # CrossQ's actor is in evaluation mode between updates
     was_training = loss.actor.training
     loss.actor.train()
+    size = actions.shape[-1]
     for _ in range(UPDATES):
-        rows = torch.randint(len(frames), (ROWS,), device=learner.device)
-        observed = frames[rows]
-        out = loss.actor(encode(loss.encoder, observed))[..., : actions.shape[-1]]
-        acted = on_base(out.tanh(), None if loss.base is None else loss.base(observed))
-        (acted - actions[rows]).square().mean().backward()
+        drawn = torch.randint(len(frames), (ROWS,), device=learner.device)
+        observed = frames[drawn]
+        features = encode(loss.encoder, observed)
+        # the mean before the tanh; a Gaussian actor's scales come after it
+        mean = loss.actor(features)[..., :size]
+        base_action = None if loss.base is None else loss.base(observed)
+        acted = on_base(mean.tanh(), base_action)
+        error = (acted - actions[drawn]).square().mean()
+        error.backward()
         optimizer.step()
         optimizer.zero_grad()
     loss.actor.train(was_training)
@@ -152,11 +178,19 @@ def anchor(learner: Learner) -> None:
     loss = _teachable(learner)
     if learner.gradients is not None:
         raise RunError("a policy that is taught cannot be compiled; omit --compile")
-    outputs = len(_layers(loss.actor)[-1])
+    # the last bias has an entry for each output, of which half are scales with a Gaussian actor
+    size = len(_layers(loss.actor)[-1])
+    if isinstance(loss, SACLoss):
+        size //= 2
+    # those that include the actor, in which the anchor counts
+
     updates = max(1, round(STEPS * learner.updates_per_step / learner.actor_delay))
-    size = outputs // 2 if isinstance(loss, SACLoss) else outputs
+    reach = REACH if loss.base is None else REACH_ON_BASE
     loss.anchor = PolicyAnchor(
-        loss.actor, size, updates, REACH if loss.base is None else REACH_ON_BASE
+        loss.actor,
+        size,
+        updates,
+        reach,
     )
 
 
@@ -180,7 +214,11 @@ class PolicyAnchor(CountedUpdates, nn.Module):
     ``action_size`` are the mean before the tanh."""
 
     def __init__(
-        self, actor: nn.Module, action_size: int, updates: int, reach: float = REACH
+        self,
+        actor: nn.Module,
+        action_size: int,
+        updates: int,
+        reach: float = REACH,
     ) -> None:
         super().__init__()
         self.policy = copy.deepcopy(actor).requires_grad_(False)
@@ -188,18 +226,27 @@ class PolicyAnchor(CountedUpdates, nn.Module):
         self._updates = updates
         self._reach = reach
 
-    def forward(self, features: Tensor, out: Tensor) -> Tensor:
+    def forward(
+        self,
+        features: Tensor,
+        out: Tensor,
+    ) -> Tensor:
         """The actor's outputs, whose gradient gets the pull. In equilibrium the distance is the one
         allowed by now."""
+        # nothing is learned from what has no gradient, and nothing is counted
         if not out.requires_grad or self.updates_made >= self._updates:
             return out
         self.updates_made += 1
         reach = self._reach * self.updates_made / self._updates
-        offset = (out.detach() - self.policy(features))[..., : self._size]
+        moved = out.detach() - self.policy(features)
+        offset = moved[..., : self._size]
 
         def add_pull(gradient: Tensor) -> Tensor:
+            # of the mean; that of the scales, after it, stays as it is
             slope = gradient[..., : self._size]
-            pulled = slope + offset * (slope.square().mean().sqrt() / reach)
+            # as strong as the slope where the offset is the reach, whatever the unit of rewards
+            strength = slope.square().mean().sqrt() / reach
+            pulled = slope + offset * strength
             return torch.cat((pulled, gradient[..., self._size :]), -1)
 
         out.register_hook(add_pull)
@@ -216,6 +263,7 @@ def _teachable(learner: Learner) -> ActorCriticLoss:
 
 def _layers(network: nn.Module) -> list[Tensor]:
     """Parameters of the layers in order, weights before biases, outputs first."""
-    return [
-        parameter for module in network.modules() for parameter in module.parameters(recurse=False)
-    ]
+    layers: list[Tensor] = []
+    for module in network.modules():
+        layers += module.parameters(recurse=False)
+    return layers

@@ -36,6 +36,7 @@ class TQCSettings(EntropySettings, TargetSettings, OffPolicySettings):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        # the target is a mean over those that are left
         if self.dropped >= self.quantiles:
             raise DescriptionError(
                 f"dropped is {self.dropped}; leave at least one of the {self.quantiles} quantiles"
@@ -51,26 +52,46 @@ PRESETS = {
 }
 
 
-def build(env: EnvBase, settings: TQCSettings, device: torch.device | str = "cpu") -> Learner:
+def build(
+    env: EnvBase,
+    settings: TQCSettings,
+    device: torch.device | str = "cpu",
+) -> Learner:
     """TQC for an environment. Initialized from torch's global generator."""
     m = action_size(env)
     encoder = make_encoder(env, settings)
+    actor = make_body(settings, encoder.size, 2 * m)
     policy = gaussian_policy(
         encoder,
-        make_body(settings, encoder.size, 2 * m),
+        actor,
         action_spec(env),
         min_scale=settings.min_scale,
     )
-    body = make_body(settings, encoder.size + m, settings.quantiles, norm=settings.critic_norm)
+    # TorchRL makes the other critics from this one, with weights of their own
+    body = make_body(
+        settings,
+        encoder.size + m,
+        settings.quantiles,
+        norm=settings.critic_norm,
+    )
+    critic = critic_operator(encoder, body)
     loss = TQCLoss(
         policy.to(device),
-        critic_operator(encoder, body).to(device),
+        critic.to(device),
         num_qvalue_nets=settings.num_qs,
         top_quantiles_to_drop_per_net=settings.dropped,
         alpha_init=settings.alpha_init,
         target_entropy=settings.target_entropy * m,
         action_spec=action_spec(env),
+        # a loop over the critics, which is faster than TorchRL's vmap for so few
         deactivate_vmap=True,
     ).to(device)
     loss.make_value_estimator(gamma=settings.gamma)
-    return off_policy_learner(env, settings, policy, loss, SoftUpdate(loss, tau=settings.tau))
+    target = SoftUpdate(loss, tau=settings.tau)
+    return off_policy_learner(
+        env,
+        settings,
+        policy,
+        loss,
+        target,
+    )

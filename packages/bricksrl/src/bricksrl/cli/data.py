@@ -174,7 +174,13 @@ class Split:
     """Seed of the random split."""
 
     def execute(self) -> None:
-        parts = split(self.dataset, self.out, self.rest, self.share, self.seed)
+        parts = split(
+            self.dataset,
+            self.out,
+            self.rest,
+            self.share,
+            self.seed,
+        )
         for dataset, path in zip(parts, (self.out, self.rest), strict=True):
             print_line(f"{_size(dataset)}: {path}")
 
@@ -284,7 +290,14 @@ class Push:
         elif self.folder.is_file():
             # A log of a measured robot is a single file, a dataset always a folder.
             push = push_log
-        print_line(push(self.folder, self.repo, private=self.private, licence=self.licence))
+        print_line(
+            push(
+                self.folder,
+                self.repo,
+                private=self.private,
+                licence=self.licence,
+            )
+        )
 
 
 @dataclass(frozen=True)

@@ -117,7 +117,13 @@ class ShowSettings:
             print_line(json.dumps(dataclasses.asdict(settings), indent=2))
             return
 
-        table = Table("setting", "value", "meaning", box=None, pad_edge=False)
+        table = Table(
+            "setting",
+            "value",
+            "meaning",
+            box=None,
+            pad_edge=False,
+        )
         meanings = field_docs(type(settings))
         for field in dataclasses.fields(settings):
             value = getattr(settings, field.name)

@@ -404,7 +404,12 @@ class Export:
             return
         from bricksrl.policies.export import export_model
 
-        difference = export_model(self.run, self.out, self.format, which=which)
+        difference = export_model(
+            self.run,
+            self.out,
+            self.format,
+            which=which,
+        )
         print_line(
             f"written  {self.out}  (its actions differ by {difference:.2g} at most from the "
             "policy's)"

@@ -148,7 +148,12 @@ class Demo(SavesNothing):
                 f"{self.env} has no robot to show; `bricksrl demo` shows a Walker"
             )
         env = make(self.env, seed=self.seed, arrays=True)
-        policies = _array_policies(self.env, env.task, self.policy, self.seed)
+        policies = _array_policies(
+            self.env,
+            env.task,
+            self.policy,
+            self.seed,
+        )
         with closing(env):
             _on_page(
                 self.live_page,
@@ -202,16 +207,39 @@ class Play(SavesNothing):
         is_shown = is_virtual and address is not None and not is_run
         if is_shown and address is not None and has_arrays(self.target, self.robot):
             # Without TorchRL the page is there seconds earlier.
-            robot = make(self.target, self.robot, seed=self.seed, arrays=True)
+            robot = make(
+                self.target,
+                self.robot,
+                seed=self.seed,
+                arrays=True,
+            )
             from bricksrl.page.robot_play import play_robot
 
-            arrays = _array_policies(self.target, robot.task, self.policy, self.seed)
+            arrays = _array_policies(
+                self.target,
+                robot.task,
+                self.policy,
+                self.seed,
+            )
             with closing(robot):
-                _on_page(address, robot, self.target, play_robot, arrays, episodes=self.episodes)
+                _on_page(
+                    address,
+                    robot,
+                    self.target,
+                    play_robot,
+                    arrays,
+                    episodes=self.episodes,
+                )
             return
         load_learning()
         with _environment(self, self.target, folder if is_run else None) as (env, env_id):
-            players = _players(folder if is_run else None, env, env_id, self.policy, self.seed)
+            players = _players(
+                folder if is_run else None,
+                env,
+                env_id,
+                self.policy,
+                self.seed,
+            )
             if address is not None:
                 from bricksrl.page.play import play_on_page
 
@@ -231,28 +259,49 @@ class Play(SavesNothing):
                     from bricksrl.training.run_folder import RunFolder
 
                     seed = evaluation_seed(RunFolder(folder).origin().seed, seed)
-                _in_terminal(env, list(players.values())[-1](), self.episodes, seed)
+                _in_terminal(
+                    env,
+                    list(players.values())[-1](),
+                    self.episodes,
+                    seed,
+                )
 
 
 def _array_policies(
-    env_id: str, task: Task, policy: str | None, seed: int
+    env_id: str,
+    task: Task,
+    policy: str | None,
+    seed: int,
 ) -> dict[str, Callable[[], ArrayPolicy]]:
     return _beginning_with(policy, array_policies(env_id, task, seed), env_id)
 
 
 def _players(
-    run: Path | None, env: EnvBase, env_id: str, policy: str | None, seed: int
+    run: Path | None,
+    env: EnvBase,
+    env_id: str,
+    policy: str | None,
+    seed: int,
 ) -> dict[str, Callable[[], Player]]:
     """Players of a run, or of an environment of ours."""
     from bricksrl.policies.policy import array_player, named_policies
 
     if run is not None:
         return _beginning_with(policy, named_policies(run, env, seed), str(run))
-    arrays = _array_policies(env_id, env.task, policy, seed)
+    arrays = _array_policies(
+        env_id,
+        env.task,
+        policy,
+        seed,
+    )
     return {name: functools.partial(array_player, make) for name, make in arrays.items()}
 
 
-def _beginning_with(policy: str | None, policies: Mapping[str, _T], target: str) -> dict[str, _T]:
+def _beginning_with(
+    policy: str | None,
+    policies: Mapping[str, _T],
+    target: str,
+) -> dict[str, _T]:
     """The policies, with the named one last, with which a page begins. Raises DescriptionError if
     there is none of that name."""
     name = policy or list(policies)[-1]
@@ -293,7 +342,13 @@ class DriveRobot(SavesNothing):
         from bricksrl.page.robot_play import play_robot
 
         if not self.device and has_arrays(self.env, self.robot):
-            robot = make(self.env, self.robot, seed=self.seed, place=placing(), arrays=True)
+            robot = make(
+                self.env,
+                self.robot,
+                seed=self.seed,
+                place=placing(),
+                arrays=True,
+            )
             with closing(robot):
                 _on_page(
                     self.live_page,
@@ -310,7 +365,12 @@ class DriveRobot(SavesNothing):
         load_learning()
         with (
             _environment(self, self.env, None) as (env, env_id),
-            driving(self.device, env_id, env.task, in_charge=True) as driver,
+            driving(
+                self.device,
+                env_id,
+                env.task,
+                in_charge=True,
+            ) as driver,
         ):
             players = {"by hand": lambda: resting_player(env, driver)}
             _on_page(
@@ -326,7 +386,9 @@ class DriveRobot(SavesNothing):
 
 @contextmanager
 def _environment(
-    flags: Play | DriveRobot, target: str, run: Path | None
+    flags: Play | DriveRobot,
+    target: str,
+    run: Path | None,
 ) -> Iterator[tuple[EnvBase, str]]:
     """The named environment, or that of a run, open inside this context, and its id."""
     env_id = target
@@ -335,7 +397,14 @@ def _environment(
         config = config_of(run)
         env_id = config.env
         options = options.changed(**config.transforms, **config.options | options.options)
-    with closing(make(env_id, options, seed=flags.seed, place=placing())) as env:
+    with closing(
+        make(
+            env_id,
+            options,
+            seed=flags.seed,
+            place=placing(),
+        )
+    ) as env:
         yield env, env_id
 
 
@@ -363,12 +432,22 @@ def _on_page(
         options=address,
     )
     play_until_stopped(
-        env, page, lambda stop: play(env, page, policies, episodes=episodes, stop=stop)
+        env,
+        page,
+        lambda stop: play(
+            env,
+            page,
+            policies,
+            episodes=episodes,
+            stop=stop,
+        ),
     )
 
 
 def play_until_stopped(
-    env: Any, page: LivePage, play: Callable[[threading.Event], list[float]]
+    env: Any,
+    page: LivePage,
+    play: Callable[[threading.Event], list[float]],
 ) -> None:
     """Serve a page while an environment is played on it; Ctrl-C, or the event that ``play`` is
     given, ends it."""
@@ -383,7 +462,12 @@ def play_until_stopped(
     print_line(f"{counted(len(returns), 'episode')}, mean return {sum(returns) / len(returns):.4g}")
 
 
-def _in_terminal(env: EnvBase, player: Player, episodes: int | None, seed: int) -> None:
+def _in_terminal(
+    env: EnvBase,
+    player: Player,
+    episodes: int | None,
+    seed: int,
+) -> None:
     """Play without a page, and print a line for each whole episode."""
     from bricksrl.envs.rollout import play_episodes
 
@@ -391,7 +475,11 @@ def _in_terminal(env: EnvBase, player: Player, episodes: int | None, seed: int) 
         with EmergencyStop(threading.Event(), print_note) as emergency_stop:
             emergency_stop.attach(env)
             scores = play_episodes(
-                env, player.act, episodes or sys.maxsize, seed, reset_policy=player.reset
+                env,
+                player.act,
+                episodes or sys.maxsize,
+                seed,
+                reset_policy=player.reset,
             )
             for number, score in enumerate(scores, 1):
                 print_line(
@@ -418,7 +506,13 @@ def run_on_page(
     from bricksrl.page.live import LivePage
 
     task = get_task(env_id, **options)
-    with LivePage(env_id, task=task, can_drive=can_drive, on_stop=on_stop, options=address) as page:
+    with LivePage(
+        env_id,
+        task=task,
+        can_drive=can_drive,
+        on_stop=on_stop,
+        options=address,
+    ) as page:
         announce(page.url)
         yield page
 

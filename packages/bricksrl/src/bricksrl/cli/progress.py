@@ -56,15 +56,31 @@ class RunProgress(Callback):
         text = TextColumn(
             "return {task.fields[value]}  {task.fields[spark]}  {task.fields[rate]}", markup=False
         )
-        self._bar = Bars(TextColumn("episode"), MofNCompleteColumn(), BarColumn(20), text)
-        self._task = self._bar.add_task("", total=None, value="-", spark="", rate="")
+        self._bar = Bars(
+            TextColumn("episode"),
+            MofNCompleteColumn(),
+            BarColumn(20),
+            text,
+        )
+        self._task = self._bar.add_task(
+            "",
+            total=None,
+            value="-",
+            spark="",
+            rate="",
+        )
 
     def on_env(self, env: EnvBase) -> None:
         self.on_ready(env)
         if self._hub != "virtual":
             self.note(f"connecting to the robot ({self._hub})")
 
-    def on_start(self, config: TrainConfig, run_dir: Path, episodes_done: int) -> None:
+    def on_start(
+        self,
+        config: TrainConfig,
+        run_dir: Path,
+        episodes_done: int,
+    ) -> None:
         self.run_dir = run_dir
         self.episodes_done = episodes_done
         self._asynchronous = bool(config.asynchronous)
@@ -75,7 +91,11 @@ class RunProgress(Callback):
         self._bar.update(self._task, total=config.episodes, completed=episodes_done)
         self._show()
 
-    def on_episode(self, episode: Episode, progress: Progress) -> None:
+    def on_episode(
+        self,
+        episode: Episode,
+        progress: Progress,
+    ) -> None:
         self.episodes_done = episode.episode
         self._returns.append(episode.return_)
         rate = f"{progress.steps_per_s:.3g} steps/s  {clock(progress.remaining_s)} left"
@@ -98,7 +118,12 @@ class RunProgress(Callback):
         )
         print_line(f"{line}{robot}{rate}{start}{learning}")
 
-    def on_link_lost(self, episode: int, length: int, error: BricksError) -> None:
+    def on_link_lost(
+        self,
+        episode: int,
+        length: int,
+        error: BricksError,
+    ) -> None:
         event = "the robot is out of reach"
         if length:
             event = f"the link broke in episode {episode} after {counted(length, 'step')}"
@@ -108,7 +133,12 @@ class RunProgress(Callback):
             print_line(line)
         self._trouble = line
 
-    def on_robot(self, robot: str, state: RobotState, reason: str) -> None:
+    def on_robot(
+        self,
+        robot: str,
+        state: RobotState,
+        reason: str,
+    ) -> None:
         if state is RobotState.PLACED:
             print_note(f"put {robot} where an episode starts")
         elif state is RobotState.LEFT:
@@ -178,7 +208,13 @@ def sparkline(values: list[float]) -> str:
 class SeedsProgress(Bars):
     """Progress of all seeds: a live row of each on a terminal, a line per event elsewhere."""
 
-    def __init__(self, seeds: range, episodes: int, *, live: bool | None = None) -> None:
+    def __init__(
+        self,
+        seeds: range,
+        episodes: int,
+        *,
+        live: bool | None = None,
+    ) -> None:
         state = TextColumn(
             "{task.fields[value]}  {task.fields[state]}  {task.fields[node]}", markup=False
         )
@@ -190,12 +226,22 @@ class SeedsProgress(Bars):
             disable=not is_live,
         )
         self._ids = {
-            seed: self.add_task(str(seed), total=episodes, value="", state="waiting", node="")
+            seed: self.add_task(
+                str(seed),
+                total=episodes,
+                value="",
+                state="waiting",
+                node="",
+            )
             for seed in seeds
         }
         self._episodes = episodes
 
-    def tell(self, seed: int, message: dict[str, Any]) -> None:
+    def tell(
+        self,
+        seed: int,
+        message: dict[str, Any],
+    ) -> None:
         """Update the row of a seed from a message of its run; may be called from several
         threads."""
         changes = dict[str, Any]()
@@ -222,12 +268,21 @@ class SeedsProgress(Bars):
             print_line(f"seed {seed}  {line}")
 
 
-def train_seeds(config: TrainConfig, count: int, on: str | None = None) -> None:
+def train_seeds(
+    config: TrainConfig,
+    count: int,
+    on: str | None = None,
+) -> None:
     """Train ``count`` seeds and print their summary."""
     multi_seed.check_count(count)
     try:
         with SeedsProgress(range(config.seed, config.seed + count), config.episodes) as progress:
-            multi_seed.train_seeds(config, count, on=on, on_line=progress.tell)
+            multi_seed.train_seeds(
+                config,
+                count,
+                on=on,
+                on_line=progress.tell,
+            )
     except KeyboardInterrupt:
         folder = config.run_dir
         if folder is None or not folder.exists():

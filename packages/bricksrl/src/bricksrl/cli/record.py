@@ -126,15 +126,31 @@ class Record:
         try:
             with (
                 EmergencyStop(threading.Event(), print_note, keys=keys) as emergency_stop,
-                driving(device, self.env, task, in_charge=self.policy in DEVICES) as human,
+                driving(
+                    device,
+                    self.env,
+                    task,
+                    in_charge=self.policy in DEVICES,
+                ) as human,
                 closing(self._environment(options, human, emergency_stop)) as env,
                 filmed_env(env, self.video, f"{self.env}: {self.policy}"),
                 Recorder(self.out, describe(env, options.options)) as recorder,
-                run_on_page(address, self.env, options.options, can_drive=human is None) as page,
+                run_on_page(
+                    address,
+                    self.env,
+                    options.options,
+                    can_drive=human is None,
+                ) as page,
             ):
                 emergency_stop.attach(env)
                 self._check_dataset(recorder)
-                self._collect(env, recorder, human, report, page)
+                self._collect(
+                    env,
+                    recorder,
+                    human,
+                    report,
+                    page,
+                )
         except (KeyboardInterrupt, StoppedError):
             raise Interrupted(f"saved {counted(count, 'whole episode')} in {self.out}") from None
         print_line(f"dataset         {self.out}, seed {self.seed}")
@@ -174,7 +190,10 @@ class Record:
         )
 
     def _environment(
-        self, options: EnvOptions, human: Driver | None, emergency_stop: EmergencyStop
+        self,
+        options: EnvOptions,
+        human: Driver | None,
+        emergency_stop: EmergencyStop,
     ) -> EnvBase:
         # The policy of a run acts behind the transforms that it was trained behind.
         if self.policy != "random" and self.policy not in DEVICES:

@@ -112,7 +112,12 @@ class TrainTeam:
             if address is None:
                 self._play(team, None)
             else:
-                _show(team.config.env, team.policy, str(self.play), address)
+                _show(
+                    team.config.env,
+                    team.policy,
+                    str(self.play),
+                    address,
+                )
             return
         if self.env is None:
             raise RunError(
@@ -123,7 +128,12 @@ class TrainTeam:
             _show(self.env, policy, by, address)
             return
         config = self.config(self.env)
-        folder = run_folder(self.run, self.env, next(iter(config.agents.values())), self.seed)
+        folder = run_folder(
+            self.run,
+            self.env,
+            next(iter(config.agents.values())),
+            self.seed,
+        )
         if folder.exists():
             raise RunError(f"{folder} exists already; choose another folder with --run")
         check_writable(folder / TEAM_FILE)
@@ -132,7 +142,11 @@ class TrainTeam:
         except KeyboardInterrupt:
             raise Interrupted(_kept(folder)) from None
 
-    def _train(self, config: TeamConfig, folder: Path) -> Team:
+    def _train(
+        self,
+        config: TeamConfig,
+        folder: Path,
+    ) -> Team:
         from bricksrl.training.teams.team import train_team
 
         learning = ", ".join(f"{group} by {agent}" for group, agent in config.agents.items())
@@ -182,15 +196,31 @@ class TrainTeam:
         default_frames = _SIMULATED_FRAMES if copies else _ARENA_FRAMES
         frames = default_frames if self.frames is None else self.frames
         agent = self.agent or ("ippo" if copies else "sac")
-        return TeamConfig(env, dict.fromkeys(learning, agent), scripts, frames, copies, self.seed)
+        return TeamConfig(
+            env,
+            dict.fromkeys(learning, agent),
+            scripts,
+            frames,
+            copies,
+            self.seed,
+        )
 
-    def _play(self, team: Team, folder: Path | None) -> None:
+    def _play(
+        self,
+        team: Team,
+        folder: Path | None,
+    ) -> None:
         from bricksrl.evaluation.film import film_arena
         from bricksrl.training.teams.team import play_team
 
         env = make_arena(team.config.env)
         seed = evaluation_seed(team.config.seed, _EVALUATION_SEED + self.seed)
-        episodes = play_team(env, team.policy, self.episodes, seed)
+        episodes = play_team(
+            env,
+            team.policy,
+            self.episodes,
+            seed,
+        )
         succeeded = sum(episode.success for episode in episodes)
         mean_steps = sum(episode.length for episode in episodes) / len(episodes)
         count = counted(len(episodes), "episode")
@@ -201,7 +231,13 @@ class TrainTeam:
         if folder is not None:
             print_line(f"team            {folder / TEAM_FILE}")
             try:
-                film_arena(env, team.policy, folder / FILM_FILE, _FILMED_EPISODES, seed)
+                film_arena(
+                    env,
+                    team.policy,
+                    folder / FILM_FILE,
+                    _FILMED_EPISODES,
+                    seed,
+                )
                 print_line(f"film            {folder / FILM_FILE}")
             except RenderingUnavailableError as error:
                 print_line(f"film            none: {error}")
@@ -224,7 +260,12 @@ def _latest_policy(env: str) -> tuple[TensorDictModuleBase, str]:
     return team_policy(make_arena(env), {}, scripts), "by script"
 
 
-def _show(env_id: str, policy: TensorDictModuleBase, by: str, address: PageOptions) -> None:
+def _show(
+    env_id: str,
+    policy: TensorDictModuleBase,
+    by: str,
+    address: PageOptions,
+) -> None:
     """Play in the browser until Ctrl-C."""
     from bricksrl.page.arena import ArenaPage, play_arena
 

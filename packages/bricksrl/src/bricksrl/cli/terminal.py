@@ -86,7 +86,11 @@ def telling(what: str) -> Iterator[None]:
         while not ended.wait(_TELL_S):
             print_line(f"{what}, for {time.monotonic() - start_s:.0f} s now")
 
-    thread = threading.Thread(target=tell, name="bricksrl-telling", daemon=True)
+    thread = threading.Thread(
+        target=tell,
+        name="bricksrl-telling",
+        daemon=True,
+    )
     thread.start()
     try:
         yield
@@ -136,7 +140,9 @@ class EmergencyStop:
         self._env = BricksEnv()
         self._requests: queue.SimpleQueue[str] = queue.SimpleQueue()
         self._worker = threading.Thread(
-            target=self._work, name="bricksrl-emergency-stop", daemon=True
+            target=self._work,
+            name="bricksrl-emergency-stop",
+            daemon=True,
         )
         self._keys = can_listen() if keys is None else keys
         self._source = source
@@ -232,7 +238,11 @@ def with_human(options: EnvOptions, env: str) -> EnvOptions:
 
 @contextmanager
 def driving(
-    device: str | None, env: str, task: Task, *, in_charge: bool
+    device: str | None,
+    env: str,
+    task: Task,
+    *,
+    in_charge: bool,
 ) -> Iterator[Driver | None]:
     """The driver of a keyboard, a gamepad or a Controller of LEGO's kits, after printing the keys'
     meanings; ``None`` for no device. Raises DataError if the device is not available."""

@@ -143,7 +143,13 @@ class Train:
                 ("--resume", "--episodes", "--page", "--no-film", "--page-host", "--page-port"),
                 "with --resume",
             )
-            Resume(self.resume, self.episodes, self.page, self.film, self.live_page).execute()
+            Resume(
+                self.resume,
+                self.episodes,
+                self.page,
+                self.film,
+                self.live_page,
+            ).execute()
             return
         if self.env is None:
             raise DescriptionError(
@@ -171,12 +177,22 @@ class Train:
         if self.on is not None:
             raise DescriptionError("a single run needs no cluster; give --seeds, or omit --on")
         if self.take_over is None:
-            run_training(partial(train, config), config, address, film=self.film)
+            run_training(
+                partial(train, config),
+                config,
+                address,
+                film=self.film,
+            )
             return
         # All keys of a keyboard are for driving, so that none is left to stop the robot.
         keys = False if self.take_over == "keyboard" else None
         task = get_task(self.env, **config.options)
-        with driving(self.take_over, self.env, task, in_charge=False) as driver:
+        with driving(
+            self.take_over,
+            self.env,
+            task,
+            in_charge=False,
+        ) as driver:
             run_training(
                 partial(train, config),
                 config,
@@ -263,7 +279,12 @@ class Resume:
         from bricksrl.training.run import resume
 
         resumed = partial(resume, self.run, episodes=self.episodes)
-        run_training(resumed, config, address, film=self.film)
+        run_training(
+            resumed,
+            config,
+            address,
+            film=self.film,
+        )
 
 
 @dataclass(frozen=True)
@@ -317,12 +338,28 @@ class TrainOffline:
             settings=settings_for(self.env, self.preset, self.agent),
             data=str(self.data.absolute()),
             updates=self.updates,
-            run_dir=run_folder(self.run, self.env, self.agent, self.seed),
+            run_dir=run_folder(
+                self.run,
+                self.env,
+                self.agent,
+                self.seed,
+            ),
         )
-        run_training(partial(train, config), config, address, can_drive=False, film=self.film)
+        run_training(
+            partial(train, config),
+            config,
+            address,
+            can_drive=False,
+            film=self.film,
+        )
 
 
-def run_folder(named: Path | None, env: str, agent: str, seed: int) -> Path:
+def run_folder(
+    named: Path | None,
+    env: str,
+    agent: str,
+    seed: int,
+) -> Path:
     """The folder that the user has named for a run; by default one with the run's and the time's
     name."""
     time = datetime.now().astimezone().strftime("%Y%m%d-%H%M%S")
@@ -377,11 +414,21 @@ def run_training(
 
                 callback = CallbackList(progress, PageCallback(page, stop))
                 driver = driver or page.driver
-            result = run(callback, place=place, stop=stop, driver=driver)
+            result = run(
+                callback,
+                place=place,
+                stop=stop,
+                driver=driver,
+            )
             progress.close()
             if not result.interrupted:
                 with only_writer(result.run_dir, RunError):
-                    _report(result, emergency_stop, page, film=film)
+                    _report(
+                        result,
+                        emergency_stop,
+                        page,
+                        film=film,
+                    )
                 return
     except (KeyboardInterrupt, StoppedError):
         # A Ctrl-C before or after the training, or a second one in it. There is nothing to do: the
@@ -393,7 +440,11 @@ def run_training(
 
 
 def _report(
-    result: RunResult, emergency_stop: EmergencyStop, page: LivePage | None, *, film: bool
+    result: RunResult,
+    emergency_stop: EmergencyStop,
+    page: LivePage | None,
+    *,
+    film: bool,
 ) -> None:
     """Evaluate, film, and print the paths of the results."""
     from bricksrl.evaluation.evaluator import evaluate
@@ -421,7 +472,11 @@ def _report(
     with telling("evaluating"):
         place = placing(emergency_stop.quiet)
         evaluation = evaluate(
-            result.run_dir, episodes=_EVALUATED_EPISODES, save=False, on_env=on_env, place=place
+            result.run_dir,
+            episodes=_EVALUATED_EPISODES,
+            save=False,
+            on_env=on_env,
+            place=place,
         )
     # Said before it is saved: a full disk must not swallow it.
     for line in describe(evaluation):
@@ -435,7 +490,12 @@ def _report(
     if film and can_film(result.run_dir):
         work = "filming before and after, and writing the report"
     with telling(work):
-        summary, video = write_report(result.run_dir, result.episodes, evaluation, film=film)
+        summary, video = write_report(
+            result.run_dir,
+            result.episodes,
+            evaluation,
+            film=film,
+        )
     print_line(f"learning curve  {RunFolder(result.run_dir).curve_path}")
     print_line(f"video           {video}")
     print_line(f"report          {summary}")

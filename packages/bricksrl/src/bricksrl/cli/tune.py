@@ -38,17 +38,34 @@ class Tune(Tuning):
     "bricksrl[distributed]")."""
 
     def execute(self) -> None:
-        tuning = Tuning(self.env, self.agent, self.steps, self.seeds, self.episodes)
+        tuning = Tuning(
+            self.env,
+            self.agent,
+            self.steps,
+            self.seeds,
+            self.episodes,
+        )
         folder = self.folder or Path("tuning") / f"{file_name(self.env)}-{file_name(self.agent)}"
 
-        def report(trial: int, value: float | None, best: float | None) -> None:
+        def report(
+            trial: int,
+            value: float | None,
+            best: float | None,
+        ) -> None:
             outcome = "ended early" if value is None else f"return {value:.4g}"
             print_line(f"trial {trial}  {outcome}" + ("" if best is None else f"  best {best:.4g}"))
 
         get_task(self.env)  # raises if there is none
         try:
             load_learning()
-            best = tune(tuning, folder, self.trials, seed=self.seed, on=self.on, on_trial=report)
+            best = tune(
+                tuning,
+                folder,
+                self.trials,
+                seed=self.seed,
+                on=self.on,
+                on_trial=report,
+            )
         except KeyboardInterrupt:
             kept = f"the study is in {folder}; the same command goes on with it"
             raise Interrupted(kept if (folder / STUDY).exists() else "nothing was saved") from None

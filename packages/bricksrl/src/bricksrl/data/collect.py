@@ -91,7 +91,13 @@ def collect(
         steps = list[Step]()
         episode = Rollout()
         try:
-            for frame in play(env, policy, state, driver=driver, reset_policy=reset_policy):
+            for frame in play(
+                env,
+                policy,
+                state,
+                driver=driver,
+                reset_policy=reset_policy,
+            ):
                 # A repeated action (`--frame-skip`) is several steps of the robot.
                 for step in episode.add(frame, env):
                     steps.append(step_of(step, env))
@@ -148,7 +154,13 @@ def _numbers(tensor: Tensor) -> Any:
     return tensor.detach().cpu().numpy().copy()
 
 
-def about(env: EnvBase, policy: str, *, seed: int | None = None, hub: str = "virtual") -> About:
+def about(
+    env: EnvBase,
+    policy: str,
+    *,
+    seed: int | None = None,
+    hub: str = "virtual",
+) -> About:
     """Provenance of an episode that starts now.
 
     Args:

@@ -61,7 +61,12 @@ def arrow_types(description: Description) -> dict[str, tuple[int, pa.DataType]]:
 def to_parquet(table: pa.Table) -> bytes:
     """Bytes of a Parquet file, with page checksums to detect damage."""
     sink = io.BytesIO()
-    pq.write_table(table, sink, compression="snappy", write_page_checksum=True)
+    pq.write_table(
+        table,
+        sink,
+        compression="snappy",
+        write_page_checksum=True,
+    )
     return sink.getvalue()
 
 
@@ -106,7 +111,10 @@ def to_table(columns: Columns, description: Description) -> pa.Table:
 
 
 def from_table(
-    table: pa.Table, description: Description, names: Iterable[str], where: Path
+    table: pa.Table,
+    description: Description,
+    names: Iterable[str],
+    where: Path,
 ) -> dict[str, NDArray[Any]]:
     """Inverse of `to_table` for some of the columns; vectors of length 1 are returned as
     ``[steps]``. Raises DataError if a column has another type than in the description."""
@@ -193,7 +201,12 @@ def encode(images: NDArray[np.uint8], rate_hz: float) -> bytes:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "video.mp4"
         command = [_ffmpeg(), *_QUIET, *raw, *_LOSSLESS, str(path)]
-        process = subprocess.run(command, input=images.tobytes(), capture_output=True, check=False)  # noqa: S603
+        process = subprocess.run(  # noqa: S603
+            command,
+            input=images.tobytes(),
+            capture_output=True,
+            check=False,
+        )
         if process.returncode:
             raise DataError(
                 "ffmpeg could not write a video: "
@@ -202,7 +215,11 @@ def encode(images: NDArray[np.uint8], rate_hz: float) -> bytes:
         return path.read_bytes()
 
 
-def decode(path: Path, count: int, side: int) -> NDArray[np.uint8]:
+def decode(
+    path: Path,
+    count: int,
+    side: int,
+) -> NDArray[np.uint8]:
     """Decode the first ``count`` images of a file, ``[count, side, side, 3]``. Raises DataError if
     the file is no such video, or too short."""
     size_bytes = count * side * side * 3
@@ -214,7 +231,12 @@ def decode(path: Path, count: int, side: int) -> NDArray[np.uint8]:
         process.kill()
     if len(data) != size_bytes:
         raise DataError(f"{path} is not a video of {count} images of {side} x {side} px; {RESTORE}")
-    return np.frombuffer(data, np.uint8).reshape(count, side, side, 3)
+    return np.frombuffer(data, np.uint8).reshape(
+        count,
+        side,
+        side,
+        3,
+    )
 
 
 def _ffmpeg() -> str:

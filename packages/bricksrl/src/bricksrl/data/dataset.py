@@ -177,12 +177,18 @@ class Dataset:
         files with rows."""
         return 1 + max((row.data_file for row in self.rows), default=-1)
 
-    def path(self, kind: str, number: int = 0) -> Path:
+    def path(
+        self,
+        kind: str,
+        number: int = 0,
+    ) -> Path:
         """Path of a file of a kind in ``FILES``, or of that ``number`` with steps, images or
         rows."""
         chunk, file = divmod(number, CHUNK_SIZE)
         return self.root / FILES[kind].format(
-            video_key=self.description.image_key, chunk_index=chunk, file_index=file
+            video_key=self.description.image_key,
+            chunk_index=chunk,
+            file_index=file,
         )
 
     def unfinished_files(self) -> list[Path]:
@@ -320,7 +326,11 @@ class Dataset:
         write_durably(self.path("episodes", at), to_parquet(table))
         return replace(self, row_files=at + 1)
 
-    def _place_cells(self, rows: Sequence[EpisodeRow], row_file: int) -> Cells:
+    def _place_cells(
+        self,
+        rows: Sequence[EpisodeRow],
+        row_file: int,
+    ) -> Cells:
         """What the episodes are, and in which files they stand."""
         key = self.description.image_key
         cells: Cells = {}
@@ -461,7 +471,12 @@ def read_episode_count(root: Path, description: Description) -> int:
     dataset."""
     path = root / FILES["info"]
     repair = f"run `bricksrl data repair {quoted(root)}`"
-    with reading("the index", path, DataError, f"restore it, or {repair}"):
+    with reading(
+        "the index",
+        path,
+        DataError,
+        f"restore it, or {repair}",
+    ):
         data = dict(json.loads(path.read_bytes()))
     if data.get("codebase_version") != CODEBASE_VERSION:
         raise DataError(
@@ -509,7 +524,11 @@ def _row(record: dict[str, Any], description: Description) -> EpisodeRow:
     # A file may come from anywhere: each value is held against the annotation of its field.
     check_fields(About, about)
     check_fields(EpisodeRow, values)
-    row = EpisodeRow(**values, statistics=_statistics(record, description), about=About(**about))
+    row = EpisodeRow(
+        **values,
+        statistics=_statistics(record, description),
+        about=About(**about),
+    )
     if row.length < 1 or row.start < 0 or row.episode < 0:
         raise ValueError("an episode without steps")
     return row

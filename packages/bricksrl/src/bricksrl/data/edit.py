@@ -50,7 +50,11 @@ def merge(sources: Sequence[Path], out: Path) -> Dataset:
 
 
 def split(
-    source: Path, first: Path, second: Path, share: float, seed: int
+    source: Path,
+    first: Path,
+    second: Path,
+    share: float,
+    seed: int,
 ) -> tuple[Dataset, Dataset]:
     """Write a random share of the episodes to ``first`` and the others to ``second``, both in
     order. Raises DataError if the source is damaged, a target exists, or a target would be empty,
@@ -114,7 +118,11 @@ def salvage(source: Path, out: Path) -> tuple[Dataset, list[str]]:
     return write_dataset(out, description, kept), lost
 
 
-def write_dataset(out: Path, description: Description, episodes: Iterable[Episode]) -> Dataset:
+def write_dataset(
+    out: Path,
+    description: Description,
+    episodes: Iterable[Episode],
+) -> Dataset:
     """Write a dataset atomically. Raises DataError if ``out`` exists, or there are no episodes."""
     refuse_target(out)
     with atomic_folder(out) as folder:

@@ -145,7 +145,12 @@ def _minari_environment(episodes: Episodes) -> dict[str, Any]:
     box = gymnasium.spaces.Box(-np.inf, np.inf, tuple(episodes.observation.shape[1:]))
     observation_space: Any = box
     if episodes.image is not None:
-        image = gymnasium.spaces.Box(0, 255, tuple(episodes.image.shape[1:]), np.uint8)
+        image = gymnasium.spaces.Box(
+            0,
+            255,
+            tuple(episodes.image.shape[1:]),
+            np.uint8,
+        )
         observation_space = gymnasium.spaces.Dict({"observation": box, "image": image})
     return {
         "env": spec,
@@ -168,14 +173,24 @@ def _datasets_in(folder: Path) -> Iterator[None]:
             os.environ["MINARI_DATASETS_PATH"] = before
 
 
-def import_lerobot(source: Path, out: Path, *, env: str | None = None) -> Dataset:
+def import_lerobot(
+    source: Path,
+    out: Path,
+    *,
+    env: str | None = None,
+) -> Dataset:
     """Write such a dataset as one of ours. Raises DataError as `read_lerobot`, and if ``out``
     exists."""
     description, episodes = read_lerobot(source, env)
     return write_dataset(out, description, episodes)
 
 
-def import_paper(source: Path, out: Path, *, env: str | None = None) -> list[tuple[Path, Dataset]]:
+def import_paper(
+    source: Path,
+    out: Path,
+    *,
+    env: str | None = None,
+) -> list[tuple[Path, Dataset]]:
     """Import one of the paper's datasets into ``out``, or all below a folder, each into a subfolder
     of ``out``; returns each with its source. Raises DataError if there is no dataset, one is
     damaged, or ``out`` exists.
@@ -218,7 +233,12 @@ def _task_of(folder: Path) -> str:
     )
 
 
-def _import_one(folder: Path, out: Path, env: str, policy: str) -> Dataset:
+def _import_one(
+    folder: Path,
+    out: Path,
+    env: str,
+    policy: str,
+) -> Dataset:
     from bricksrl.envs import get_task
 
     if env not in _ORDERS:
@@ -275,7 +295,11 @@ def _import_one(folder: Path, out: Path, env: str, policy: str) -> Dataset:
     return write_dataset(out, description, episodes)
 
 
-def _rows(arrays: Arrays, name: str, folder: Path) -> NDArray[Any]:
+def _rows(
+    arrays: Arrays,
+    name: str,
+    folder: Path,
+) -> NDArray[Any]:
     """A tensor as ``[N, n]``. Raises DataError if there is none, or it has no rows or numbers that
     are none."""
     if name not in arrays:
@@ -293,7 +317,11 @@ def _rows(arrays: Arrays, name: str, folder: Path) -> NDArray[Any]:
     return array.reshape(len(array), -1)
 
 
-def _observations(arrays: Arrays, task: Task, folder: Path) -> NDArray[np.float32]:
+def _observations(
+    arrays: Arrays,
+    task: Task,
+    folder: Path,
+) -> NDArray[np.float32]:
     """Observations ``[N, n]`` in our order and ranges."""
     names = ["observation", "goal_observation"] if task.id == "RoboArm-v0" else ["observation"]
     parts = [_rows(arrays, name, folder) for name in names]
@@ -338,7 +366,11 @@ def read_tensors(folder: Path) -> Arrays:
     return arrays
 
 
-def _read_tensor(folder: Path, name: str, entry: dict[str, Any]) -> NDArray[Any]:
+def _read_tensor(
+    folder: Path,
+    name: str,
+    entry: dict[str, Any],
+) -> NDArray[Any]:
     dtype = _TYPES.get(str(entry["dtype"]))
     shape = entry["shape"]
     is_list = isinstance(shape, list) and len(shape) <= 8

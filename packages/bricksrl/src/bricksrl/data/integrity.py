@@ -61,7 +61,12 @@ def _steps(dataset: Dataset) -> Iterator[str]:
             yield f"episode {row.episode}: its end is marked elsewhere than at its last step"
         # Rewards are float32, and a sum depends on its order: the last digits may differ.
         total = columns["next.reward"].sum(dtype=np.float64)
-        if not np.isclose(total, row.return_, rtol=1e-5, atol=1e-5):
+        if not np.isclose(
+            total,
+            row.return_,
+            rtol=1e-5,
+            atol=1e-5,
+        ):
             yield f"episode {row.episode}: its return is not the sum of its rewards"
         learned = (OBSERVATION, NEXT, "action", "next.reward")
         if not all(np.isfinite(columns[name]).all() for name in learned):
@@ -107,7 +112,15 @@ def _same(value: Any, expected: Any) -> bool:
         if not isinstance(value, float | int):
             return False
         # A sum over all episodes depends on the processor's order of additions.
-        return bool(np.isclose(value, expected, rtol=1e-6, atol=1e-9, equal_nan=True))
+        return bool(
+            np.isclose(
+                value,
+                expected,
+                rtol=1e-6,
+                atol=1e-9,
+                equal_nan=True,
+            )
+        )
     return bool(value == expected)
 
 

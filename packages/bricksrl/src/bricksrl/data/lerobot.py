@@ -63,8 +63,18 @@ def read_lerobot(root: Path, task: Task | str | None = None) -> tuple[Descriptio
     """
     info = _read_info(root)
     task = _task_of(root, info, task)
-    states = _features(root, info, OBSERVATION, [entry.name for entry in task.entries])
-    actions = _features(root, info, ACTION, [command.name for command in task.interface.commands])
+    states = _features(
+        root,
+        info,
+        OBSERVATION,
+        [entry.name for entry in task.entries],
+    )
+    actions = _features(
+        root,
+        info,
+        ACTION,
+        [command.name for command in task.interface.commands],
+    )
     _check_judged(root, task)
     features = info["features"].items()
     pictures = [name for name, feature in features if feature.get("dtype") in ("video", "image")]
@@ -83,7 +93,12 @@ def read_lerobot(root: Path, task: Task | str | None = None) -> tuple[Descriptio
     episodes: list[Episode] = []
     for number in range(info["total_episodes"]):
         at = np.flatnonzero(columns["episode_index"] == number)
-        episodes += _episodes(task, description, observation[at], action[at])
+        episodes += _episodes(
+            task,
+            description,
+            observation[at],
+            action[at],
+        )
     if not episodes:
         raise DataError(
             f"no episode in {root} has two frames, and so no action has an outcome; record "
@@ -94,7 +109,12 @@ def read_lerobot(root: Path, task: Task | str | None = None) -> tuple[Descriptio
 
 def _read_info(root: Path) -> dict[str, Any]:
     path = root / FILES["info"]
-    with reading("the index", path, DataError, "restore it from a copy"):
+    with reading(
+        "the index",
+        path,
+        DataError,
+        "restore it from a copy",
+    ):
         info = dict(json.loads(path.read_bytes()))
         if info.get("codebase_version") != CODEBASE_VERSION:
             version = info.get("codebase_version")
@@ -115,7 +135,11 @@ def _read_info(root: Path) -> dict[str, Any]:
     return info
 
 
-def _task_of(root: Path, info: dict[str, Any], task: Task | str | None) -> Task:
+def _task_of(
+    root: Path,
+    info: dict[str, Any],
+    task: Task | str | None,
+) -> Task:
     from bricksrl.envs.registry import get_task
 
     if task is None:
@@ -145,7 +169,12 @@ def _check_judged(root: Path, task: Task) -> None:
         )
 
 
-def _features(root: Path, info: dict[str, Any], feature: str, wanted: list[str]) -> list[int]:
+def _features(
+    root: Path,
+    info: dict[str, Any],
+    feature: str,
+    wanted: list[str],
+) -> list[int]:
     """Places of these names in a feature, a vector."""
     described = info["features"].get(feature)
     if described is None:
@@ -260,7 +289,10 @@ def _read_file(path: Path, info: dict[str, Any]) -> dict[str, NDArray[Any]]:
 
 
 def _episodes(
-    task: Task, description: Description, states: NDArray[Any], actions: NDArray[Any]
+    task: Task,
+    description: Description,
+    states: NDArray[Any],
+    actions: NDArray[Any],
 ) -> list[Episode]:
     """Episodes of the task in the frames of one of LeRobot's: a new one begins where the task
     ends."""

@@ -104,7 +104,12 @@ class Episodes:
         return TensorDict({**step, "next": TensorDict(after, n)}, n)
 
 
-def load(path: Path | str, *, images: bool = True, task: Task | str | None = None) -> Episodes:
+def load(
+    path: Path | str,
+    *,
+    images: bool = True,
+    task: Task | str | None = None,
+) -> Episodes:
     """Load the dataset in a folder, or in the folder of a run; also one that LeRobot recorded.
     Nothing in it is executed, nothing is written. Raises DataError if there is no dataset, it is
     damaged, or it does not have what is needed.
@@ -135,11 +140,17 @@ def load(path: Path | str, *, images: bool = True, task: Task | str | None = Non
     tensors = {
         name: torch.from_numpy(np.ascontiguousarray(array)) for name, array in arrays.items()
     }
-    return Episodes(description=dataset.description, rows=dataset.rows, **tensors)
+    return Episodes(
+        description=dataset.description,
+        rows=dataset.rows,
+        **tensors,
+    )
 
 
 def _as_dataset(
-    root: Path, description: Description, episodes: list[Episode]
+    root: Path,
+    description: Description,
+    episodes: list[Episode],
 ) -> tuple[Dataset, list[Episode]]:
     """A dataset with rows of these episodes, which no file of ours holds, and the episodes with
     their numbers."""
@@ -205,7 +216,11 @@ class EpisodeReader:
     """
 
     def __init__(
-        self, dataset: Dataset, names: Iterable[str] | None = None, *, images: bool = True
+        self,
+        dataset: Dataset,
+        names: Iterable[str] | None = None,
+        *,
+        images: bool = True,
     ) -> None:
         self.image_key = dataset.description.image_key if images else None
         self._dataset = dataset
@@ -223,7 +238,10 @@ class EpisodeReader:
         start = row.start - self._by_file[row.data_file][0].start
         table = self._table(row.data_file).slice(start, row.length)
         columns = from_table(
-            table, dataset.description, self._names, dataset.path("data", row.data_file)
+            table,
+            dataset.description,
+            self._names,
+            dataset.path("data", row.data_file),
         )
         if self.image_key is None:
             return Episode(row.about, columns)
@@ -234,7 +252,12 @@ class EpisodeReader:
                 f"episode {row.episode} in {dataset.root} has no final image; restore meta/episodes"
             )
         images = np.concatenate((images, final.reshape(1, *images.shape[1:])))
-        return Episode(row.about, columns, images, row.statistics[self.image_key])
+        return Episode(
+            row.about,
+            columns,
+            images,
+            row.statistics[self.image_key],
+        )
 
     def _read_table(self, file: int) -> pa.Table:
         """Steps of the episodes in one file, checked against their rows."""
@@ -245,7 +268,12 @@ class EpisodeReader:
         table = read_parquet(path, digest=rows[0].data_sha256)
         # Episodes of an unfinished commit may follow, which are not in the index.
         table = table.slice(0, sum(lengths))
-        stored = from_table(table, dataset.description, ("index", "episode_index"), path)
+        stored = from_table(
+            table,
+            dataset.description,
+            ("index", "episode_index"),
+            path,
+        )
         fits = sum(lengths) == len(table)
         # Only of tables of the right length: a damaged row may claim any size.
         if fits:

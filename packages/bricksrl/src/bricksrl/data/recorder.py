@@ -25,7 +25,11 @@ class Recorder(contextlib.AbstractContextManager["Recorder"]):
         root: folder of the dataset, created with the first episode.
     """
 
-    def __init__(self, root: Path, description: Description) -> None:
+    def __init__(
+        self,
+        root: Path,
+        description: Description,
+    ) -> None:
         self.root = root
         self.description = description
         self._dataset = Dataset(root, description)
@@ -61,7 +65,11 @@ class Recorder(contextlib.AbstractContextManager["Recorder"]):
         """Rows of the committed episodes, including those of earlier recordings."""
         return self._dataset.rows
 
-    def write(self, steps: Sequence[Step], about: About) -> None:
+    def write(
+        self,
+        steps: Sequence[Step],
+        about: About,
+    ) -> None:
         """Write an episode; when this returns it is on the disk. An episode without steps is not
         written; the last step of one that has no end counts as truncated. Raises DataError after
         `close`: another program may record into the folder by now."""

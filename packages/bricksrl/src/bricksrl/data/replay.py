@@ -16,7 +16,10 @@ _KEYS = {OBSERVATION: "observation", NEXT: ("next", "observation")}
 
 
 def replay(
-    path: Path | str, *, batch_size: int, slice_len: int | None = None
+    path: Path | str,
+    *,
+    batch_size: int,
+    slice_len: int | None = None,
 ) -> LeRobotExperienceReplay:
     """Load a dataset into TorchRL's buffer for LeRobot's data, which samples steps or slices of
     episodes. Raises DataError if the dataset cannot be read.
@@ -41,5 +44,8 @@ def replay(
     if episodes.image is not None and episodes.next_image is not None:
         columns |= {"image": episodes.image, "next.image": episodes.next_image}
     return LeRobotExperienceReplay.from_columns(
-        columns, key_map=dict(_KEYS), batch_size=batch_size, slice_len=slice_len
+        columns,
+        key_map=dict(_KEYS),
+        batch_size=batch_size,
+        slice_len=slice_len,
     )

@@ -144,7 +144,11 @@ class Description:
         """Steps per second, as an integer if possible, as in LeRobot."""
         return int(self.rate_hz) if self.rate_hz.is_integer() else self.rate_hz
 
-    def info(self, episodes: int, steps: int) -> dict[str, Any]:
+    def info(
+        self,
+        episodes: int,
+        steps: int,
+    ) -> dict[str, Any]:
         """Content of ``info.json`` for so many episodes and steps."""
         return {
             "codebase_version": CODEBASE_VERSION,
@@ -172,9 +176,18 @@ class Description:
         return (json.dumps(values, indent=1) + "\n").encode()
 
     @classmethod
-    def from_json(cls, data: bytes, where: str) -> Description:
+    def from_json(
+        cls,
+        data: bytes,
+        where: str,
+    ) -> Description:
         """Inverse of `to_json`. Raises DataError if the data is no such description, or damaged."""
-        with reading("the description", where, DataError, "restore it from a copy"):
+        with reading(
+            "the description",
+            where,
+            DataError,
+            "restore it from a copy",
+        ):
             values = dict(json.loads(data))
             if values.pop("bricksrl_dataset", None) != VERSION:
                 raise DataError(
@@ -228,7 +241,10 @@ class Description:
 
 
 def describe(
-    env: EnvBase, options: dict[str, Any] | None = None, *, name: str | None = None
+    env: EnvBase,
+    options: dict[str, Any] | None = None,
+    *,
+    name: str | None = None,
 ) -> Description:
     """Description of an environment, ours or any other with one observation and one action vector.
 
@@ -272,7 +288,13 @@ def describe_task(task: Task, options: dict[str, Any] | None = None) -> Descript
         env=task.id,
         rate_hz=task.rate_hz,
         observation=tuple(
-            Entry(entry.name, entry.low, entry.high, entry.unit, wraps=entry.wraps)
+            Entry(
+                entry.name,
+                entry.low,
+                entry.high,
+                entry.unit,
+                wraps=entry.wraps,
+            )
             for entry in task.entries
         ),
         action=tuple(command.entry for command in task.interface.commands),

@@ -28,7 +28,13 @@ CARD = "README.md"
 _FILES = ["meta/**", "data/**", "videos/**"]
 
 
-def push_dataset(path: Path, repo: str, *, private: bool = False, licence: str = "mit") -> str:
+def push_dataset(
+    path: Path,
+    repo: str,
+    *,
+    private: bool = False,
+    licence: str = "mit",
+) -> str:
     """Upload a dataset to the hub, with a generated card and the version tag that LeRobot requires;
     returns its address. Raises DataError if the dataset is not intact, huggingface_hub is not
     installed, or the hub is out of reach or refuses.
@@ -62,11 +68,22 @@ def push_dataset(path: Path, repo: str, *, private: bool = False, licence: str =
             ignore_patterns="*/.*",
         )
         # LeRobot loads the revision that is named after its format.
-        api.create_tag(repo, tag=CODEBASE_VERSION, repo_type="dataset", exist_ok=True)
+        api.create_tag(
+            repo,
+            tag=CODEBASE_VERSION,
+            repo_type="dataset",
+            exist_ok=True,
+        )
         return f"{api.endpoint}/datasets/{repo}"
 
 
-def push_log(path: Path, repo: str, *, private: bool = False, licence: str = "mit") -> str:
+def push_log(
+    path: Path,
+    repo: str,
+    *,
+    private: bool = False,
+    licence: str = "mit",
+) -> str:
     """Upload the log of a measured robot, as `bricktwin twin measure` writes it, to the hub as a
     dataset; returns its address. Raises TwinError if it is no such log, DataError as
     `push_dataset`."""
@@ -78,7 +95,14 @@ def push_log(path: Path, repo: str, *, private: bool = False, licence: str = "mi
         "delay of the exchange, values."
     )
     tags = ("BricksRL", "system-identification")
-    card = _card(f"Two minutes with a {log.robot}", about, rows, tags, "log.jsonl", licence)
+    card = _card(
+        f"Two minutes with a {log.robot}",
+        about,
+        rows,
+        tags,
+        "log.jsonl",
+        licence,
+    )
     with _pushed(repo, card, private) as api:
         api.upload_file(
             path_or_fileobj=path.read_bytes(),
@@ -90,24 +114,47 @@ def push_log(path: Path, repo: str, *, private: bool = False, licence: str = "mi
 
 
 @contextmanager
-def _pushed(repo: str, card: str, private: bool) -> Iterator[HfApi]:
+def _pushed(
+    repo: str,
+    card: str,
+    private: bool,
+) -> Iterator[HfApi]:
     """The hub, with a repository of datasets that has the card."""
     with hub_client(repo) as api:
-        api.create_repo(repo, repo_type="dataset", private=private, exist_ok=True)
+        api.create_repo(
+            repo,
+            repo_type="dataset",
+            private=private,
+            exist_ok=True,
+        )
         api.upload_file(
-            path_or_fileobj=card.encode(), path_in_repo=CARD, repo_id=repo, repo_type="dataset"
+            path_or_fileobj=card.encode(),
+            path_in_repo=CARD,
+            repo_id=repo,
+            repo_type="dataset",
         )
         yield api
 
 
-def pull_dataset(repo: str, out: Path, *, revision: str | None = None) -> Path:
+def pull_dataset(
+    repo: str,
+    out: Path,
+    *,
+    revision: str | None = None,
+) -> Path:
     """Download a dataset from the hub into the folder ``out``. Raises DataError if ``out`` exists,
     there is no such dataset of BricksRL, it is damaged, or the hub is out of reach.
 
     Args:
         revision: branch, tag or commit; by default the newest.
     """
-    with downloaded(repo, "dataset", out, [*_FILES, CARD], revision) as folder:
+    with downloaded(
+        repo,
+        "dataset",
+        out,
+        [*_FILES, CARD],
+        revision,
+    ) as folder:
         # The hub adds files of its own, such as .gitattributes.
         found = [fault.detail for fault in check(folder)]
         faults = [detail for detail in found if "is not a file of a dataset" not in detail]
@@ -121,7 +168,11 @@ def pull_dataset(repo: str, out: Path, *, revision: str | None = None) -> Path:
 
 @contextmanager
 def downloaded(
-    repo: str, repo_type: str, out: Path, patterns: list[str], revision: str | None
+    repo: str,
+    repo_type: str,
+    out: Path,
+    patterns: list[str],
+    revision: str | None,
 ) -> Iterator[Path]:
     """Download a repository into a temporary folder, which is renamed to ``out`` on success and
     removed on an error."""

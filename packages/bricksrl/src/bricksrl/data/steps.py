@@ -39,7 +39,11 @@ class Step:
     hub_time_s: float = float("nan")
 
 
-def new_episode(steps: Sequence[Step], about: About, description: Description) -> Episode:
+def new_episode(
+    steps: Sequence[Step],
+    about: About,
+    description: Description,
+) -> Episode:
     """Episode of these steps, as the first one of a dataset; `write_episodes` gives it another
     number."""
     columns = {}
@@ -58,4 +62,9 @@ def new_episode(steps: Sequence[Step], about: About, description: Description) -
     # The image after a step is the one before the next step: it is kept once.
     shown = [*(step.image for step in steps), steps[-1].next_image]
     images = np.stack([image for image in shown if image is not None])
-    return Episode(about, columns, images, image_statistics(images[:-1]))
+    return Episode(
+        about,
+        columns,
+        images,
+        image_statistics(images[:-1]),
+    )

@@ -129,19 +129,39 @@ def plot(path: Path | str, out: Path | str) -> None:
     axes = figure.subplots(rows, _COLUMNS, squeeze=False).flatten()
     _plot_returns(axes[0], axes[1], np.array([row.return_ for row in dataset.rows]))
     for panel, (title, values) in zip(axes[2:], panels, strict=False):
-        _plot_density(panel, title, columns["frame_index"], values)
+        _plot_density(
+            panel,
+            title,
+            columns["frame_index"],
+            values,
+        )
     for panel in axes:
-        panel.tick_params(colors=MUTED, length=2, labelsize=8)
+        panel.tick_params(
+            colors=MUTED,
+            length=2,
+            labelsize=8,
+        )
         panel.spines[["top", "right"]].set_visible(False)
     for unused in axes[2 + len(panels) :]:
         unused.set_visible(False)
     size = f"{counted(len(dataset.rows), 'episode')} · {counted(dataset.steps, 'step')}"
     title = f"{description.env} · {size}"
-    figure.suptitle(title, x=0.01, ha="left", color=INK, fontsize=13, fontweight="bold")
+    figure.suptitle(
+        title,
+        x=0.01,
+        ha="left",
+        color=INK,
+        fontsize=13,
+        fontweight="bold",
+    )
     save(figure, out, 100)
 
 
-def _plot_returns(left: Axes, right: Axes, returns: NDArray[np.float64]) -> None:
+def _plot_returns(
+    left: Axes,
+    right: Axes,
+    returns: NDArray[np.float64],
+) -> None:
     from matplotlib.ticker import MaxNLocator
 
     # Some three episodes a bar, so that a few episodes make no comb of single ones.
@@ -155,14 +175,30 @@ def _plot_returns(left: Axes, right: Axes, returns: NDArray[np.float64]) -> None
         loc="left",
     )
     left.set_ylabel("episodes", fontsize=8, color=MUTED)
-    right.plot(np.arange(len(returns)), returns, ".", color=STRONG, markersize=4)
-    right.set_title("return of each episode", fontsize=10, color=INK, loc="left")
+    right.plot(
+        np.arange(len(returns)),
+        returns,
+        ".",
+        color=STRONG,
+        markersize=4,
+    )
+    right.set_title(
+        "return of each episode",
+        fontsize=10,
+        color=INK,
+        loc="left",
+    )
     right.set_xlabel("episode", fontsize=8, color=MUTED)
     for axis in (left.yaxis, right.xaxis):
         axis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
 
 
-def _plot_density(axes: Axes, title: str, step: NDArray[Any], values: NDArray[Any]) -> None:
+def _plot_density(
+    axes: Axes,
+    title: str,
+    step: NDArray[Any],
+    values: NDArray[Any],
+) -> None:
     """Plot a 2D histogram of the values over the steps of an episode: dark is frequent."""
     from matplotlib.colors import LinearSegmentedColormap
     from matplotlib.ticker import MaxNLocator
@@ -183,6 +219,11 @@ def _plot_density(axes: Axes, title: str, step: NDArray[Any], values: NDArray[An
         cmap=colours,
         cmin=1,
     )
-    axes.set_title(title, fontsize=10, color=INK, loc="left")
+    axes.set_title(
+        title,
+        fontsize=10,
+        color=INK,
+        loc="left",
+    )
     axes.set_xlabel("step", fontsize=8, color=MUTED)
     axes.xaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))

@@ -45,7 +45,11 @@ class BaseEnv:
     link: Callable[[], ClientLink]
     state: Sequence[float] = ()
 
-    def __init__(self, action_dim: int, state_dim: int) -> None:
+    def __init__(
+        self,
+        action_dim: int,
+        state_dim: int,
+    ) -> None:
         self.action_dim = action_dim
         self.state_dim = state_dim
         # the state in its units, as the observation is
@@ -68,7 +72,11 @@ class BaseEnv:
         self.state = self.state or self.link().receive().values
         return np.array([self.state], np.float32)
 
-    def _reset(self, tensordict: TensorDictBase | None, **kwargs: Any) -> TensorDictBase:
+    def _reset(
+        self,
+        tensordict: TensorDictBase | None,
+        **kwargs: Any,
+    ) -> TensorDictBase:
         raise NotImplementedError
 
     def _step(self, tensordict: TensorDictBase) -> TensorDictBase:

@@ -66,23 +66,42 @@ class HubEnv(RobotEnv, EnvBase):  # type: ignore[misc]
         *,
         seed: int | None = None,
     ) -> None:
-        super().__init__(task, connect, seed=seed, batch_size=())
+        super().__init__(
+            task,
+            connect,
+            seed=seed,
+            batch_size=(),
+        )
         self._entries = len(task.entries)
         set_vector_specs(self, task)
         self.observation_spec["link_lost"] = Binary(1, dtype=torch.bool)
         for key, side_px in task.images.items():
-            self.observation_spec[key] = Bounded(0, 255, (side_px, side_px, 3), dtype=torch.uint8)
+            self.observation_spec[key] = Bounded(
+                0,
+                255,
+                (side_px, side_px, 3),
+                dtype=torch.uint8,
+            )
         self.is_closed = False
         self.outside: dict[str, float] = {}
         """Entries that a client of the user's own answered outside of their ranges, each with the
         first such value."""
 
-    def close(self, *, raise_if_closed: bool = True, **_: Any) -> None:
+    def close(
+        self,
+        *,
+        raise_if_closed: bool = True,
+        **_: Any,
+    ) -> None:
         """Stop the robot and close the link. May be called twice; a reset opens the link again."""
         EnvBase.close(self, raise_if_closed=raise_if_closed)
         self._close_link()
 
-    def _reset(self, _tensordict: TensorDictBase | None = None, **_kwargs: Any) -> TensorDictBase:
+    def _reset(
+        self,
+        _tensordict: TensorDictBase | None = None,
+        **_kwargs: Any,
+    ) -> TensorDictBase:
         return self.reconnect.until_answered(
             self._begin,
             # A virtual hub's program is deterministic: retrying would fail again.
@@ -149,7 +168,12 @@ class HubEnv(RobotEnv, EnvBase):  # type: ignore[misc]
         # Before the action: a motor must not push against what is in the way.
         self._wait_while_blocked(episode)
         observation, reward, terminated = self._outcome(episode, action)
-        self._check_outcome(episode, observation, reward, terminated)
+        self._check_outcome(
+            episode,
+            observation,
+            reward,
+            terminated,
+        )
         observation = self._within(observation)
         episode.observation = observation
         episode.images = self.image()
@@ -210,7 +234,11 @@ class HubEnv(RobotEnv, EnvBase):  # type: ignore[misc]
             _single(task, "terminated", terminated),
         )
 
-    def _out(self, episode: EpisodeState, **outcome: torch.Tensor) -> TensorDictBase:
+    def _out(
+        self,
+        episode: EpisodeState,
+        **outcome: torch.Tensor,
+    ) -> TensorDictBase:
         """Output of a reset or, with its outcome, of a step; copied, as a caller's change must not
         alter ``episode``."""
         out = {
@@ -276,7 +304,11 @@ def outside_text(entry: Entry, value: float) -> str:
     return f"{entry.name} is {value:g}, outside of {low:g} to {high:g} {entry.unit}".rstrip()
 
 
-def _with_truth(episode: EpisodeState, observation: torch.Tensor, end: int) -> torch.Tensor:
+def _with_truth(
+    episode: EpisodeState,
+    observation: torch.Tensor,
+    end: int,
+) -> torch.Tensor:
     """The observation with the target's entries, which end at index ``end``, replaced by their true
     values."""
     if episode.tracker is None:
@@ -287,7 +319,11 @@ def _with_truth(episode: EpisodeState, observation: torch.Tensor, end: int) -> t
     return torch.cat((before, truth, after))
 
 
-def _single(task: Task, name: str, value: Any) -> torch.Tensor:
+def _single(
+    task: Task,
+    name: str,
+    value: Any,
+) -> torch.Tensor:
     """What a function of a task returns for one observation. Raises DescriptionError unless it is a
     tensor with one number."""
     if not isinstance(value, torch.Tensor) or value.numel() != 1:

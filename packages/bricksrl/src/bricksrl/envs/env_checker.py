@@ -340,7 +340,12 @@ def _idle_actions(env_id: str, task: Task) -> list[str]:
     return idle
 
 
-def _outcome(env_id: str, index: int, count: int, value: float) -> TensorDictBase:
+def _outcome(
+    env_id: str,
+    index: int,
+    count: int,
+    value: float,
+) -> TensorDictBase:
     """Observations and rewards of two steps in which one command has a value, and the others are
     0."""
     # The other commands rest, so that a change is this one's.

@@ -56,7 +56,11 @@ class EpisodeState:
     hub_time_s: float = 0.0
     age_s: float = 0.0
 
-    def observe(self, channels: Sequence[float], forward_mm: Sequence[float]) -> Floats:
+    def observe(
+        self,
+        channels: Sequence[float],
+        forward_mm: Sequence[float],
+    ) -> Floats:
         """The observation ``[n]`` as the task's functions get it: channels, sampled entries,
         distance forward, last commands, the target's entries and the camera's distances."""
         # In the order of the task's entries.

@@ -124,7 +124,14 @@ def make(
     if copies != 1:
         if copies < 1 or batch_size:
             raise DescriptionError("copies are 1 or more; give either copies or batch_size")
-        return _make_copies(env_id, options, copies, seed, device, kinematics)
+        return _make_copies(
+            env_id,
+            options,
+            copies,
+            seed,
+            device,
+            kinematics,
+        )
     # What is given wrongly is refused before anything that takes seconds is loaded.
     address = parse_hub(options.hub)
     spec = registration(env_id)
@@ -260,7 +267,12 @@ def _make_copies(
     return _transformed(TransformedEnv(env, Compose(RewardSum(), StepCounter())), options)
 
 
-def _make_processes(env_id: str, plain: EnvOptions, copies: int, seed: int | None) -> EnvBase:
+def _make_processes(
+    env_id: str,
+    plain: EnvOptions,
+    copies: int,
+    seed: int | None,
+) -> EnvBase:
     from bricksrl.envs.env import Processes
 
     cores = os.cpu_count() or 1
@@ -270,7 +282,12 @@ def _make_processes(env_id: str, plain: EnvOptions, copies: int, seed: int | Non
         raise RunError(
             f"{copies} copies of {env_id} are too many: {reason}; give num_envs {most} or fewer"
         )
-    make_one = functools.partial(make, env_id, plain, seed=seed)
+    make_one = functools.partial(
+        make,
+        env_id,
+        plain,
+        seed=seed,
+    )
     # Not forked: threads of torch and MuJoCo do not survive it.
     env = Processes(copies, make_one, mp_start_method="spawn")
     env.start()
@@ -321,9 +338,19 @@ def _virtual(task: Task, options: EnvOptions) -> Callable[[int], Connection]:
 
     def connect(twin_seed: int) -> Connection:
         nonlocal warns
-        body = make_body(task.robot, scene=task.scene, physics=physics, seed=twin_seed)
+        body = make_body(
+            task.robot,
+            scene=task.scene,
+            physics=physics,
+            seed=twin_seed,
+        )
         faulty = with_faults(body, options.fault)
-        twin = virtual_robot(faulty, realtime=options.realtime, link=link, seed=twin_seed)
+        twin = virtual_robot(
+            faulty,
+            realtime=options.realtime,
+            link=link,
+            seed=twin_seed,
+        )
         if isinstance(twin, VirtualHub):
             # What the task's channels read by radio is there to connect to.
             twin.machine.panel.near |= {
@@ -331,14 +358,33 @@ def _virtual(task: Task, options: EnvOptions) -> Callable[[int], Connection]:
             }
         camera = None if task.camera is None else TwinCamera(body, task.camera)
         pose = getattr(body, "pose", None)  # a body on a bench goes nowhere
-        world = World(pose, body, task.scene, np.random.default_rng(twin_seed), twin.now_s)
+        world = World(
+            pose,
+            body,
+            task.scene,
+            np.random.default_rng(twin_seed),
+            twin.now_s,
+        )
         readers = tuple(reader_of(sensor, world) for sensor in task.sensors)
         # A robot with faults is somebody's own, to which the calibration that was saved for the
         # virtual hub belongs.
         calibrate = calibration_of(twin) if options.fault and isinstance(twin, VirtualHub) else None
-        robot_link = _link(task, options, twin, calibrate, warns=warns)
+        robot_link = _link(
+            task,
+            options,
+            twin,
+            calibrate,
+            warns=warns,
+        )
         warns = False
-        return Connection(robot_link, twin.reset, twin, camera, pose, readers)
+        return Connection(
+            robot_link,
+            twin.reset,
+            twin,
+            camera,
+            pose,
+            readers,
+        )
 
     return connect
 
@@ -360,11 +406,21 @@ def _real(
         task = _with_saved_red(task)
     if task.robot.hub.model.runs_programs:
         transport = address.transport()
-        link = _link(task, options, transport, calibration_of(transport))
+        link = _link(
+            task,
+            options,
+            transport,
+            calibration_of(transport),
+        )
     else:
         link = _link(task, options, real_radio(address))
     readers = tuple(reader_of(sensor, None) for sensor in task.sensors)
-    connection = Connection(link, place or ask_to_place, camera=camera, sensors=readers)
+    connection = Connection(
+        link,
+        place or ask_to_place,
+        camera=camera,
+        sensors=readers,
+    )
     return task, lambda _seed: connection
 
 
@@ -406,7 +462,19 @@ def _link(
                 f"{task.program} is a client of your own, which neither streams nor reads "
                 "AppData; omit both"
             )
-        return ClientLink(transport, task.robot, task.interface, task.client, warns=warns)
+        return ClientLink(
+            transport,
+            task.robot,
+            task.interface,
+            task.client,
+            warns=warns,
+        )
     link_type = StreamingLink if options.streaming or task.streams else HubLink
     pipe = Pipe.APP_DATA if options.app_data else Pipe.STDIN
-    return link_type(transport, task.robot, task.interface, pipe=pipe, calibrate=calibrate)
+    return link_type(
+        transport,
+        task.robot,
+        task.interface,
+        pipe=pipe,
+        calibrate=calibrate,
+    )

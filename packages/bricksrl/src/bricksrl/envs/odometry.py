@@ -55,7 +55,11 @@ class FloorPose:
         turn_deg = _signed_deg(self.heading_deg - robot.heading_deg)
         return ahead_mm, left_mm, turn_deg
 
-    def driven(self, way_mm: float, turn_deg: float) -> FloorPose:
+    def driven(
+        self,
+        way_mm: float,
+        turn_deg: float,
+    ) -> FloorPose:
         """The pose after driving an arc of length ``way_mm`` that turns the robot by ``turn_deg``
         clockwise."""
         # The chord of an arc points to the middle of the headings at its ends.
@@ -96,11 +100,41 @@ class Target:
     def entries(self) -> tuple[Entry, ...]:
         """Entries that the target adds to the observation."""
         return (
-            Entry("target_ahead", -self.range_mm, self.range_mm, "mm", limits=_DISTANCE_LIMITS_MM),
-            Entry("target_left", -self.range_mm, self.range_mm, "mm", limits=_DISTANCE_LIMITS_MM),
-            Entry("target_turn", -self.range_deg, self.range_deg, "deg", limits=_TURN_LIMITS_DEG),
-            Entry("moved", -self.step_mm, self.step_mm, "mm", limits=_DISTANCE_LIMITS_MM),
-            Entry("turned", -self.step_deg, self.step_deg, "deg", limits=_TURN_LIMITS_DEG),
+            Entry(
+                "target_ahead",
+                -self.range_mm,
+                self.range_mm,
+                "mm",
+                limits=_DISTANCE_LIMITS_MM,
+            ),
+            Entry(
+                "target_left",
+                -self.range_mm,
+                self.range_mm,
+                "mm",
+                limits=_DISTANCE_LIMITS_MM,
+            ),
+            Entry(
+                "target_turn",
+                -self.range_deg,
+                self.range_deg,
+                "deg",
+                limits=_TURN_LIMITS_DEG,
+            ),
+            Entry(
+                "moved",
+                -self.step_mm,
+                self.step_mm,
+                "mm",
+                limits=_DISTANCE_LIMITS_MM,
+            ),
+            Entry(
+                "turned",
+                -self.step_deg,
+                self.step_deg,
+                "deg",
+                limits=_TURN_LIMITS_DEG,
+            ),
         )
 
 
@@ -217,13 +251,21 @@ class TrueOdometer:
     """Odometer of a virtual robot over one episode that starts at ``time_s``, along its heading at
     the start."""
 
-    def __init__(self, pose: Callable[[], Pose], time_s: float) -> None:
+    def __init__(
+        self,
+        pose: Callable[[], Pose],
+        time_s: float,
+    ) -> None:
         self._pose = pose
         self._start = self._last = pose()
         self._start_s = self._now_s = time_s
         self._path_m = self._forward_m = 0.0
 
-    def forward_mm(self, time_s: float, _values: Sequence[float]) -> float:
+    def forward_mm(
+        self,
+        time_s: float,
+        _values: Sequence[float],
+    ) -> float:
         """Distance forward since the last call, in mm; ``time_s`` is the time of this one."""
         pose = self._pose()
         moved_x_m = pose.x_m - self._last.x_m
@@ -266,7 +308,11 @@ class SonarOdometer:
         self._column = interface.distance_index
         self._last_mm = Distance.FARTHEST_MM
 
-    def forward_mm(self, _time_s: float, values: Sequence[float]) -> float:
+    def forward_mm(
+        self,
+        _time_s: float,
+        values: Sequence[float],
+    ) -> float:
         """Decrease of the distance to the wall since the last call, in mm; 0 where it was out of
         range."""
         now_mm = Distance.FARTHEST_MM if self._column is None else values[self._column]

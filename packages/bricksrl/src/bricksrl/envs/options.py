@@ -127,7 +127,11 @@ class EnvOptions(TransformOptions):
         # Options that are given as a whole replace these.
         return replace(self, **{"options": options, **values})
 
-    def refuse(self, names: Iterable[str], reason: str) -> None:
+    def refuse(
+        self,
+        names: Iterable[str],
+        reason: str,
+    ) -> None:
         """Raise DescriptionError with the reason if one of these options is given, as it would have
         no effect."""
         default = EnvOptions()

@@ -23,7 +23,11 @@ class OwnEnv(HubEnv):
         assert self.task.base_env is not None  # noqa: S101 - this class is chosen for it
         return self.task.base_env
 
-    def _observation_at_start(self, episode: EpisodeState, reading: Reading) -> Floats:
+    def _observation_at_start(
+        self,
+        episode: EpisodeState,
+        reading: Reading,
+    ) -> Floats:
         self._own.link = lambda: cast("ClientLink", self._connected().link)
         # The client has just answered: its reset reads this, and does not ask again.
         self._own.state = reading.values

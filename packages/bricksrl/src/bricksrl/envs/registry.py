@@ -197,7 +197,11 @@ def _unknown(spec: Registration, options: Iterable[str]) -> list[str]:
     return [name for name in options if name not in parameters]
 
 
-def build_task(env_id: str, spec: Registration, options: dict[str, Any]) -> Task:
+def build_task(
+    env_id: str,
+    spec: Registration,
+    options: dict[str, Any],
+) -> Task:
     """The task of a registration with options. Raises UnknownOptionError if it has no such option,
     DescriptionError if a value is invalid."""
     unknown = _unknown(spec, options)
@@ -220,7 +224,11 @@ ARGUMENTS = {
 """Names of the arguments of `make` that each kind of environment takes, beside its options."""
 
 
-def _unknown_option(env_id: str, spec: Registration, option: str) -> str:
+def _unknown_option(
+    env_id: str,
+    spec: Registration,
+    option: str,
+) -> str:
     """What is said about an option that an environment does not have: what it has instead."""
     of_task = list(inspect.signature(spec.build).parameters)
     if spec.kinematics is None:

@@ -156,7 +156,12 @@ class RobotEnv(BricksEnv):
         drawn = [entry.draw(self._host_rng) for entry in task.sampled_entries]
         tracker = None
         if task.target is not None:
-            start = start_pose(task.scene, task.id, true_pose, self._host_rng)
+            start = start_pose(
+                task.scene,
+                task.id,
+                true_pose,
+                self._host_rng,
+            )
             tracker = TargetTracker(
                 task.target,
                 task.robot,
@@ -196,7 +201,11 @@ class RobotEnv(BricksEnv):
             zeros.append(reading.values[index] if accumulates else 0.0)
         return zeros
 
-    def _observation_at_start(self, episode: EpisodeState, reading: Reading) -> Floats:
+    def _observation_at_start(
+        self,
+        episode: EpisodeState,
+        reading: Reading,
+    ) -> Floats:
         """Hook: the first observation of an episode."""
         nothing_measured = [0.0] * len(self.task.measured_entries)
         return episode.observe(self._channels(reading, episode), nothing_measured)
@@ -211,7 +220,11 @@ class RobotEnv(BricksEnv):
         commands = self._commanded(episode, shares)
         return self._measure(self._guarded(lambda: link.act(commands)), episode)
 
-    def _commanded(self, episode: EpisodeState, shares: Sequence[float]) -> list[float]:
+    def _commanded(
+        self,
+        episode: EpisodeState,
+        shares: Sequence[float],
+    ) -> list[float]:
         """The commands of an action, in their units; notes when they are given."""
         commands = [
             middle + half * share for (middle, half), share in zip(self._spans, shares, strict=True)
@@ -230,7 +243,11 @@ class RobotEnv(BricksEnv):
             images["image"] = watch.image
         return images
 
-    def _measure(self, reading: Reading, episode: EpisodeState) -> Floats:
+    def _measure(
+        self,
+        reading: Reading,
+        episode: EpisodeState,
+    ) -> Floats:
         """The observation for the task's functions after a step; reads odometer and camera only
         where the task uses them."""
         episode.measured_s = self._connected().link.now_s() - reading.age_s
@@ -247,7 +264,11 @@ class RobotEnv(BricksEnv):
         measured = forward_mm[: len(self.task.measured_entries)]
         return episode.observe(self._channels(reading, episode), measured)
 
-    def _channels(self, reading: Reading, episode: EpisodeState) -> list[float]:
+    def _channels(
+        self,
+        reading: Reading,
+        episode: EpisodeState,
+    ) -> list[float]:
         """The channels that are in the observation, and the readings of sensors on the computer;
         notes their images."""
         values = [

@@ -127,7 +127,11 @@ class Rollout:
     observations: list[Tensor] = field(default_factory=list)
     is_lost: bool = False
 
-    def add(self, frame: TensorDictBase, env: EnvBase) -> list[TensorDictBase]:
+    def add(
+        self,
+        frame: TensorDictBase,
+        env: EnvBase,
+    ) -> list[TensorDictBase]:
         """Add the steps of the environment itself behind a frame of its transforms, and return
         those with an outcome: all but a last one in which the link broke."""
         own = own_frames(env, frame)
@@ -211,7 +215,13 @@ def play_episodes(
         def seed_of(number: int) -> int:
             return episode_seed(kind, seed, number)
 
-        yield from _play_copies(env, policy, episodes, seed_of, reset_policy)
+        yield from _play_copies(
+            env,
+            policy,
+            episodes,
+            seed_of,
+            reset_policy,
+        )
         return
     for number in range(1, episodes + 1):
         episode = None
@@ -293,7 +303,13 @@ def _play_copies(
                 return_ = episode["reward"].sum()
             length = int(episode["step_count"][-1]) if "step_count" in episode else len(episode)
             played += 1
-            yield EpisodeScore(float(return_), length, size, success, numbers)
+            yield EpisodeScore(
+                float(return_),
+                length,
+                size,
+                success,
+                numbers,
+            )
 
 
 def _judge_of_copies(env: EnvBase) -> Task | None:

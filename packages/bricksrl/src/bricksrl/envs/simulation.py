@@ -72,7 +72,12 @@ class SimulatedEnv(BricksEnv, EnvBase):  # type: ignore[misc]
         self._set_seed(seed)
         self._copies = shape.numel()
         self._state = torch.zeros(len(task.entries), self._copies, device=self.device)
-        self._steps = torch.zeros(self._copies, 1, dtype=torch.int32, device=self.device)
+        self._steps = torch.zeros(
+            self._copies,
+            1,
+            dtype=torch.int32,
+            device=self.device,
+        )
         self._speed = torch.zeros(motors, self._copies, device=self.device)
 
     @staticmethod
@@ -99,7 +104,11 @@ class SimulatedEnv(BricksEnv, EnvBase):  # type: ignore[misc]
         """Values of commands or entries as ``[n, 1]``, which go along with all copies."""
         return torch.tensor(values, dtype=torch.float32, device=self.device)[:, None]
 
-    def _plan_motion(self, task: Task, indices: list[int]) -> None:
+    def _plan_motion(
+        self,
+        task: Task,
+        indices: list[int],
+    ) -> None:
         """Convert the task's commands and their channels into tensors, with one row per command."""
         commands = task.interface.commands
         angles = [task.interface.channels[index] for index in indices]
@@ -136,7 +145,11 @@ class SimulatedEnv(BricksEnv, EnvBase):  # type: ignore[misc]
             slice(first, end) if is_contiguous else torch.tensor(indices, device=self.device)
         )
 
-    def _plan_starts(self, task: Task, indices: list[int]) -> None:
+    def _plan_starts(
+        self,
+        task: Task,
+        indices: list[int],
+    ) -> None:
         """Ranges of the entries that a reset draws uniformly; the others read 0."""
         channels = len(task.interface.channels)
         drawn = {*indices, *range(channels, len(task.entries))}
@@ -168,7 +181,11 @@ class SimulatedEnv(BricksEnv, EnvBase):  # type: ignore[misc]
                 tensordict.set(key, torch.zeros_like(tensordict.get(key)))
         return tensordict
 
-    def _reset(self, tensordict: TensorDictBase | None = None, **_kwargs: Any) -> TensorDictBase:
+    def _reset(
+        self,
+        tensordict: TensorDictBase | None = None,
+        **_kwargs: Any,
+    ) -> TensorDictBase:
         self.is_closed = False
         mask = tensordict.get("_reset", None) if tensordict is not None else None
         if mask is None:
@@ -201,7 +218,11 @@ class SimulatedEnv(BricksEnv, EnvBase):  # type: ignore[misc]
         copied = {key: self._out(value) for key, value in out.items()}
         return TensorDict(copied, self.batch_size, device=self.device)
 
-    def _move(self, state: Tensor, action: Tensor) -> tuple[Tensor, Tensor]:
+    def _move(
+        self,
+        state: Tensor,
+        action: Tensor,
+    ) -> tuple[Tensor, Tensor]:
         """Next state ``[n, copies]`` and speeds ``[m, copies]``; ``state`` and ``action [m,
         copies]`` are not changed."""
         noise = torch.randn(action.shape, generator=self._rng, device=self.device)
@@ -212,7 +233,12 @@ class SimulatedEnv(BricksEnv, EnvBase):  # type: ignore[misc]
             turn = turn.add_(noise)
         speed = self._speed
         if self._time_s is not None:
-            turn, speed = turned_angle(turn, speed, self._limit, self._time_s)
+            turn, speed = turned_angle(
+                turn,
+                speed,
+                self._limit,
+                self._time_s,
+            )
         angles = self._bounded(turn.add_(state[self._angles]))
         if not on_action:
             angles = self._bounded(angles.add_(noise))

@@ -20,7 +20,11 @@ from bricksrl.envs.task import Task
 from bricksrl.errors import BricksError, DescriptionError, message_of
 
 
-def clamped(action: Tensor, shape: Sequence[int], env_id: str) -> Tensor:
+def clamped(
+    action: Tensor,
+    shape: Sequence[int],
+    env_id: str,
+) -> Tensor:
     """A batch of actions, clamped to -1..1. Raises BricksError for another shape than ``shape``,
     and for an action that is not a number; a GPU is not waited for to look."""
     if action.shape != tuple(shape):
@@ -40,7 +44,11 @@ class _KeepClass(type(Bounded)):  # type: ignore[misc]
     """Metaclass that undoes ``Bounded``'s: that one changes the class of each instance to one of
     its own two."""
 
-    def __call__(cls, *args: Any, **kwargs: Any) -> Any:
+    def __call__(
+        cls,
+        *args: Any,
+        **kwargs: Any,
+    ) -> Any:
         spec = super().__call__(*args, **kwargs)
         spec.__class__ = cls
         return spec
@@ -49,7 +57,11 @@ class _KeepClass(type(Bounded)):  # type: ignore[misc]
 def _keeping(name: str) -> Callable[..., Any]:
     """An operation of ``Bounded`` whose result has the same entries."""
 
-    def operation(spec: "NominalBounded", *args: Any, **kwargs: Any) -> "NominalBounded":
+    def operation(
+        spec: "NominalBounded",
+        *args: Any,
+        **kwargs: Any,
+    ) -> "NominalBounded":
         return spec.of_same(getattr(BoundedContinuous, name)(spec, *args, **kwargs))
 
     return operation
@@ -109,7 +121,13 @@ class NominalBounded(BoundedContinuous, metaclass=_KeepClass):  # type: ignore[m
     def of_same(self, spec: Any) -> "NominalBounded":
         """Another spec, with the entries of this one."""
         if not isinstance(spec, NominalBounded):  # ``Bounded.to`` makes a plain ``Bounded``
-            spec = NominalBounded(spec.low, spec.high, spec.shape, spec.device, spec.dtype)
+            spec = NominalBounded(
+                spec.low,
+                spec.high,
+                spec.shape,
+                spec.device,
+                spec.dtype,
+            )
         same: NominalBounded = spec
         same.entries = self.entries
         return same
@@ -161,7 +179,12 @@ def set_vector_specs(env: EnvBase, task: Task) -> None:
         shape=batch,
         device=device,
     )
-    env.action_spec = Bounded(-1.0, 1.0, (*batch, len(task.interface.commands)), device=device)
+    env.action_spec = Bounded(
+        -1.0,
+        1.0,
+        (*batch, len(task.interface.commands)),
+        device=device,
+    )
     env.reward_spec = Unbounded((*batch, 1), device=device)
     env.done_spec = end_specs(batch, device)
 
@@ -207,7 +230,11 @@ class ImageShape:
     high: float = 1.0
 
     @classmethod
-    def of(cls, key: str, spec: Any) -> "ImageShape":
+    def of(
+        cls,
+        key: str,
+        spec: Any,
+    ) -> "ImageShape":
         """The image of a spec ``[side, side, channels]`` or ``[channels, side, side]``. Raises
         DescriptionError for another."""
         shape = tuple(spec.shape)
@@ -435,7 +462,11 @@ class SpecsEnv(BricksEnv, EnvBase):  # type: ignore[misc]
         self.task = task
         self.layout = layout
 
-    def _reset(self, _tensordict: Any = None, **_: Any) -> Any:
+    def _reset(
+        self,
+        _tensordict: Any = None,
+        **_: Any,
+    ) -> Any:
         raise BricksError("this environment is elsewhere; act in the one that it stands for")
 
     def _step(self, tensordict: Any) -> Any:

@@ -246,7 +246,15 @@ class Task:
             # After a reset it reads 0, also where that is no command.
             limits = (min(command.low, 0.0), max(command.high, 0.0))
             name = f"last_{command.name}"
-            entries.append(Entry(name, command.low, command.high, command.unit, limits=limits))
+            entries.append(
+                Entry(
+                    name,
+                    command.low,
+                    command.high,
+                    command.unit,
+                    limits=limits,
+                )
+            )
         return tuple(entries)
 
     @property
@@ -282,8 +290,18 @@ class Task:
         farthest_px = self.camera.farthest_px
         return (
             *self.entries,
-            Entry("mean_distance", 0.0, farthest_px, "px"),
-            Entry("nearest_distance", 0.0, farthest_px, "px"),
+            Entry(
+                "mean_distance",
+                0.0,
+                farthest_px,
+                "px",
+            ),
+            Entry(
+                "nearest_distance",
+                0.0,
+                farthest_px,
+                "px",
+            ),
         )
 
 
@@ -383,7 +401,11 @@ def check_measures(names: Iterable[object], where: str) -> None:
             )
 
 
-def _number(task: Task, name: str, value: Any) -> float:
+def _number(
+    task: Task,
+    name: str,
+    value: Any,
+) -> float:
     try:
         return float(value)
     except (RuntimeError, TypeError, ValueError):
@@ -443,7 +465,12 @@ def mirrors(task: Task) -> tuple[Mirror, Mirror]:
     wraps = [entry.wraps for entry in task.entries]
     of_observation = _mirror(task, names, observed, wraps)
     commands = [command.name for command in interface.commands]
-    of_action = _mirror(task, commands, actions, [False] * len(commands))
+    of_action = _mirror(
+        task,
+        commands,
+        actions,
+        [False] * len(commands),
+    )
     return of_observation, of_action
 
 

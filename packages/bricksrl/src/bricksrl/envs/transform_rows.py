@@ -44,7 +44,12 @@ RUNNING = (VecNorm, VecNormV2)
 """Transforms by running statistics, which can be undone (``denorm``) and frozen."""
 
 
-def numbers_behind(transform: Transform, before: Numbers, *, keeps_units: bool = False) -> Numbers:
+def numbers_behind(
+    transform: Transform,
+    before: Numbers,
+    *,
+    keeps_units: bool = False,
+) -> Numbers:
     """The numbers behind a transform, from those before it. ``keeps_units``: whether `KeepUnits`
     follows running statistics."""
     # Statistics mean what the transform after them makes of them, so they are no plain row.
@@ -81,7 +86,11 @@ def _overrides_steps(transform: Transform) -> bool:
     )
 
 
-def _written(before: Numbers, out_key: Any, numbers: Array | None) -> Numbers:
+def _written(
+    before: Numbers,
+    out_key: Any,
+    numbers: Array | None,
+) -> Numbers:
     """The numbers, with one vector written: anew where nothing is known of it."""
     others = {key: kept for key, kept in before.items() if key != out_key}
     return others if numbers is None else {**others, out_key: numbers}
@@ -215,7 +224,11 @@ def _earlier(numbers: Array, steps: int) -> Array:
     return shifted
 
 
-def _standardised(numbers: Array, mean: Tensor, deviation: Tensor) -> Array | None:
+def _standardised(
+    numbers: Array,
+    mean: Tensor,
+    deviation: Tensor,
+) -> Array | None:
     """``(number - mean) / deviation``."""
     means = _one_copy(mean, numbers)
     deviations = _one_copy(deviation, numbers)
@@ -224,7 +237,11 @@ def _standardised(numbers: Array, mean: Tensor, deviation: Tensor) -> Array | No
     return _scaled(numbers, 1.0 / deviations, -means / deviations)
 
 
-def _scaled(numbers: Array, factors: NDArray[Any], summands: NDArray[Any]) -> Array:
+def _scaled(
+    numbers: Array,
+    factors: NDArray[Any],
+    summands: NDArray[Any],
+) -> Array:
     """``factor * number + summand`` of each; all of one shape."""
     scaled = numbers.copy()
     for place, number in np.ndenumerate(numbers):
@@ -275,7 +292,11 @@ def as_arrays(vectors: dict[Any, tuple[Entry, ...]], specs: dict[Any, Any]) -> N
     return numbers
 
 
-def as_list(numbers: Array | None, shape: tuple[int, ...], key: str) -> list[Number]:
+def as_list(
+    numbers: Array | None,
+    shape: tuple[int, ...],
+    key: str,
+) -> list[Number]:
     """The numbers of a vector in their order; new entries where nothing is known of them."""
     known: list[Number | None] = [None] * math.prod(shape)
     if numbers is not None and numbers.shape == shape:

@@ -112,7 +112,11 @@ class Tap(Transform):  # type: ignore[misc]
         self.noted |= {"frames": [], "state": tensordict_reset.clone()}
         return tensordict_reset
 
-    def _step(self, _tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> TensorDictBase:
+    def _step(
+        self,
+        _tensordict: TensorDictBase,
+        next_tensordict: TensorDictBase,
+    ) -> TensorDictBase:
         if next_tensordict.batch_dims:  # copies are judged by their task's kinematics
             return next_tensordict
         before = self.noted["state"]
@@ -156,7 +160,11 @@ class FrameSkip(FrameSkipTransform):  # type: ignore[misc]
     each at its own end. Each of the steps follows from the one before, also for what transforms
     before it count."""
 
-    def _step(self, tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> TensorDictBase:
+    def _step(
+        self,
+        tensordict: TensorDictBase,
+        next_tensordict: TensorDictBase,
+    ) -> TensorDictBase:
         # The environment before this transform, of which TorchRL makes a view.
         parent = self.parent
         state = tensordict
@@ -262,7 +270,11 @@ def _chain(env: TransformedEnv) -> list[Transform]:
     return list(env.transform.transforms) if isinstance(env.transform, Compose) else [env.transform]
 
 
-def _insert(env: TransformedEnv, place: int, transform: Transform) -> None:
+def _insert(
+    env: TransformedEnv,
+    place: int,
+    transform: Transform,
+) -> None:
     """TorchRL's insertion, which copies a transform that is alone, so that its owner's is none of
     the environment any more."""
     if not isinstance(env.transform, Compose):
@@ -292,7 +304,11 @@ class Playback(SpecsEnv):
         self.played = [outcome(0)]
         self.acted: list[Tensor] = []
 
-    def _reset(self, _tensordict: Any = None, **_: Any) -> Any:
+    def _reset(
+        self,
+        _tensordict: Any = None,
+        **_: Any,
+    ) -> Any:
         return self.played[0].exclude("reward").clone()
 
     def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
@@ -415,7 +431,12 @@ def one_step(env: EnvBase) -> tuple[Tensor, int, bool]:
     start = view.reset().update(view.full_action_spec.zero())
     # No two numbers are equal, so that an exchange shows.
     size = start["action"].shape[-1]
-    start["action"] += torch.linspace(-0.9, 0.7, size, device=start["action"].device)
+    start["action"] += torch.linspace(
+        -0.9,
+        0.7,
+        size,
+        device=start["action"].device,
+    )
     paid: Tensor = view.step(start.clone())["next", "reward"]
     acted = playback.acted[0]
     action = start["action"]
@@ -476,7 +497,12 @@ def through(env: EnvBase, frames: TensorDictBase) -> TensorDictBase:
     if base.batch_size:  # copies: the frames are of one
         specs = {name: getattr(base, f"{name}_unbatched").clone() for name in SPECS}
         base = SpecsEnv(specs, interface_of(base).task)
-    given = frames.select(*base.full_observation_spec.keys(), "action", "next", strict=False)
+    given = frames.select(
+        *base.full_observation_spec.keys(),
+        "action",
+        "next",
+        strict=False,
+    )
     playback = Playback(base, lambda _: still(base))
     view = over(env, playback)
     none = _passed(view, torch.zeros_like(given["action"][0]))
@@ -533,7 +559,12 @@ def transform_state(env: EnvBase) -> dict[str, Any]:
     return {name: value for name, value in kept.items() if isinstance(value, Tensor) or value}
 
 
-def load_transform_state(env: EnvBase, state: dict[str, Any], *, frozen: bool = False) -> None:
+def load_transform_state(
+    env: EnvBase,
+    state: dict[str, Any],
+    *,
+    frozen: bool = False,
+) -> None:
     """Inverse of `transform_state`; ``frozen``: statistics do not run on."""
     env.__dict__.pop("_known", None)
     for place, transform in enumerate(transforms_of(env)):

@@ -141,7 +141,12 @@ def _read(path: Path, folder: Path) -> _Run:
     )
     # With a learner beside the robot, or a real robot, the same seed gives another run.
     is_repeatable = not config.asynchronous and config.hub == "virtual"
-    return _Run(row, returns, is_repeatable, _values(config, len(episodes)))
+    return _Run(
+        row,
+        returns,
+        is_repeatable,
+        _values(config, len(episodes)),
+    )
 
 
 def _owner(path: Path) -> str:

@@ -147,7 +147,13 @@ def _improvements(groups: Sequence[Group]) -> Iterator[Improvement]:
         better, other = sorted(pair, key=lambda group: group.score, reverse=True)
         probability, interval = probability_of_improvement(better.scores, other.scores)
         if interval is not None:
-            yield Improvement(better.env, better.agent, other.agent, probability, interval)
+            yield Improvement(
+                better.env,
+                better.agent,
+                other.agent,
+                probability,
+                interval,
+            )
 
 
 def _check_seeds(runs: "Sequence[_Run]") -> None:
@@ -183,7 +189,13 @@ class _Run:
         curve = tuple(moving_mean([episode.return_ for episode in episodes], WINDOW))
         evaluation = folder.own_evaluation(len(episodes))
         score = None if evaluation is None else float(evaluation["return_mean"])
-        return cls(path, config, curve, episodes[-1].steps, score)
+        return cls(
+            path,
+            config,
+            curve,
+            episodes[-1].steps,
+            score,
+        )
 
     def score(self, *, is_evaluated: bool) -> float:
         """Mean return of the evaluation, or of the last episodes of the training."""
@@ -251,15 +263,30 @@ def draw(path: Path | str, groups: Sequence[Group]) -> None:
         in_env = [group for group in groups if group.env == env]
         for group in in_env:
             label = None if group.agent in drawn else _legend(group.agent, groups)
-            _draw_group(axes, group, colours[group.agent], label)
+            _draw_group(
+                axes,
+                group,
+                colours[group.agent],
+                label,
+            )
             drawn.add(group.agent)
         is_evaluated = any(group.is_evaluated for group in in_env)
         mark = "; \N{BLACK DIAMOND} evaluation" if is_evaluated else ""
-        style(axes, without_folder(env), "episode", f"return (mean of {WINDOW} episodes{mark})")
+        style(
+            axes,
+            without_folder(env),
+            "episode",
+            f"return (mean of {WINDOW} episodes{mark})",
+        )
         finish(axes, in_env[0].lines, legend=False)
     for unused in panels[len(envs) :]:
         unused.set_visible(False)
-    figure.legend(loc="outside lower left", ncols=min(4, len(agents)), frameon=False, fontsize=9)
+    figure.legend(
+        loc="outside lower left",
+        ncols=min(4, len(agents)),
+        frameon=False,
+        fontsize=9,
+    )
     save(figure, path)
 
 
@@ -270,7 +297,12 @@ def _legend(agent: str, groups: Sequence[Group]) -> str:
     return f"{agent} ({' or '.join(map(str, counts))} {seeds})"
 
 
-def _draw_group(axes: Any, group: Group, colour: str, label: str | None) -> None:
+def _draw_group(
+    axes: Any,
+    group: Group,
+    colour: str,
+    label: str | None,
+) -> None:
     # Up to the end of the shortest run, as a mean of fewer runs would be another one.
     points = [list(values) for values in zip(*group.curves, strict=False)]
     episodes = range(1, len(points) + 1)
@@ -287,8 +319,21 @@ def _draw_group(axes: Any, group: Group, colour: str, label: str | None) -> None
         )
     elif len(group.curves) > 1:
         for curve in group.curves:
-            axes.plot(range(1, len(curve) + 1), curve, color=colour, linewidth=0.8, alpha=0.5)
-    axes.plot(episodes, means, color=colour, linewidth=2.2, label=label, zorder=3)
+            axes.plot(
+                range(1, len(curve) + 1),
+                curve,
+                color=colour,
+                linewidth=0.8,
+                alpha=0.5,
+            )
+    axes.plot(
+        episodes,
+        means,
+        color=colour,
+        linewidth=2.2,
+        label=label,
+        zorder=3,
+    )
     if group.is_evaluated:
         axes.plot(
             len(points),

@@ -89,7 +89,11 @@ class EvaluationResult:
     metrics: dict[str, float]
 
     @classmethod
-    def of(cls, scores: Sequence[EpisodeScore], **about: Any) -> EvaluationResult:
+    def of(
+        cls,
+        scores: Sequence[EpisodeScore],
+        **about: Any,
+    ) -> EvaluationResult:
         """The result of episodes; ``about`` are the fields that they do not determine."""
         returns = np.array([score.return_ for score in scores])
         success_rate, success_interval = None, None
@@ -200,7 +204,13 @@ def evaluate(
         in_chunks = hasattr(algorithm(origin.agent).settings, "chunk")
         in_turn = in_chunks or options.is_transformed or is_reference(origin.agent)
         copies = min(episodes, MAX_COPIES) if side_by_side and not in_turn else 1
-        env = own = make(env_id, options, copies=copies, seed=origin.seed, place=place)
+        env = own = make(
+            env_id,
+            options,
+            copies=copies,
+            seed=origin.seed,
+            place=place,
+        )
     else:
         task = interface_of(env).task
         env = with_unit_actions(env)
@@ -246,7 +256,11 @@ def evaluate(
     return result
 
 
-def evaluation_options(origin: Origin, env: str, **named: Any) -> EnvOptions:
+def evaluation_options(
+    origin: Origin,
+    env: str,
+    **named: Any,
+) -> EnvOptions:
     """Options of the environment of an evaluation: those of the training that it has, without
     physics, link and faults of another environment or hub, neither randomized nor in real time."""
     same_env = env == origin.env
@@ -260,7 +274,12 @@ def evaluation_options(origin: Origin, env: str, **named: Any) -> EnvOptions:
     # A real robot has its own link and physics, and another task may have another robot.
     keeps_twin = same_env and named.get("hub", before.hub) == "virtual"
     if not keeps_twin:
-        nominal = replace(nominal, physics=None, link=None, fault=())
+        nominal = replace(
+            nominal,
+            physics=None,
+            link=None,
+            fault=(),
+        )
     elif named.get("randomize", False):
         # Drawn physics take the place of those of a file.
         nominal = replace(nominal, physics=None)

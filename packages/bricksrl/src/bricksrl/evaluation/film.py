@@ -153,7 +153,12 @@ def filmed_env(
             if speed != 1.0:
                 parts.append(f"{speed:g}x speed")
             room.follow()
-            return captioned(renderer.render(), title, "   ".join(parts), room.metre_marks(*size))
+            return captioned(
+                renderer.render(),
+                title,
+                "   ".join(parts),
+                room.metre_marks(*size),
+            )
 
         def show(image: Image) -> None:
             # Without an episode the robot is being placed, which nobody needs to see.
@@ -163,7 +168,12 @@ def filmed_env(
                     video.add(image)
 
         # The film looks on from between the hub and the body, and is gone with the episode.
-        renderers.callback(setattr, machine, "body", machine.body)
+        renderers.callback(
+            setattr,
+            machine,
+            "body",
+            machine.body,
+        )
         period_ms = round(1000 / _FPS * speed * hold)
         machine.body = Filmed(
             machine.body,
@@ -180,7 +190,10 @@ def filmed_env(
 
 
 def _renderer(
-    body: MujocoBody, room: Room, size: tuple[int, int], limit_s: float
+    body: MujocoBody,
+    room: Room,
+    size: tuple[int, int],
+    limit_s: float,
 ) -> tuple[Renderer, float]:
     """A renderer, with shadows if it draws an image with them in ``limit_s``, and its time per
     image."""
@@ -230,8 +243,20 @@ def film_run(
         # The first episode of its evaluation, whose return stands in the report.
         seed = evaluation_seed(origin.seed, EVALUATION_SEED)
         policy = named_policies(run_dir, env, seed)[which]()
-        with filmed_env(env, path, title, size=size, budget_s=budget_s):
-            (score,) = play_episodes(env, policy.act, 1, seed, reset_policy=policy.reset)
+        with filmed_env(
+            env,
+            path,
+            title,
+            size=size,
+            budget_s=budget_s,
+        ):
+            (score,) = play_episodes(
+                env,
+                policy.act,
+                1,
+                seed,
+                reset_policy=policy.reset,
+            )
     return Film(path, score.return_, score.metrics.get("forward_m", 0.0))
 
 
@@ -241,7 +266,12 @@ def _env_of_run(origin: Origin) -> EnvBase:
     return make(origin.env, options, seed=origin.seed)
 
 
-def side_by_side(left: Path, right: Path, path: Path, height: int = 540) -> Path:
+def side_by_side(
+    left: Path,
+    right: Path,
+    path: Path,
+    height: int = 540,
+) -> Path:
     """Join two films side by side, each ``height`` px high, for the duration of the longer one.
     Raises TwinError if they cannot be joined."""
     import imageio_ffmpeg
@@ -259,7 +289,11 @@ def side_by_side(left: Path, right: Path, path: Path, height: int = 540) -> Path
     command += ["-movflags", "+faststart", f"file:{path}"]
     # The arguments are our own.
     process = subprocess.run(  # noqa: S603
-        command, capture_output=True, text=True, errors="replace", check=False
+        command,
+        capture_output=True,
+        text=True,
+        errors="replace",
+        check=False,
     )
     if process.returncode:
         raise TwinError(
@@ -270,14 +304,23 @@ def side_by_side(left: Path, right: Path, path: Path, height: int = 540) -> Path
 
 
 def film_arena(
-    env: EnvBase, policy: TensorDictModuleBase, path: Path, episodes: int, seed: int
+    env: EnvBase,
+    policy: TensorDictModuleBase,
+    path: Path,
+    episodes: int,
+    seed: int,
 ) -> None:
     """Film episodes of an arena into an mp4 file, without exploration. Raises
     RenderingUnavailableError if no OpenGL library works here."""
     with VideoWriter(path, 1000 / _ARENA_FRAME_MS) as video:
         for episode in range(episodes):
             env.set_seed(episode_seed("evaluation", seed, 1 + episode))
-            with Renderer(env.world.bodies[0], 480, 360, "arena") as renderer:
+            with Renderer(
+                env.world.bodies[0],
+                480,
+                360,
+                "arena",
+            ) as renderer:
                 due_ms = 0
 
                 def draw(time_ms: int, renderer: Renderer = renderer) -> None:

@@ -124,12 +124,19 @@ class Reporter(Callback):
     def __init__(self, send: Callable[[dict[str, Any]], None]) -> None:
         self.send = send
 
-    def on_episode(self, episode: Episode, progress: Progress) -> None:
+    def on_episode(
+        self,
+        episode: Episode,
+        progress: Progress,
+    ) -> None:
         self.send({"episode": episode.episode, "return": episode.return_})
 
 
 def train_and_evaluate(
-    config: dict[str, Any], run_dir: Path, reporter: Reporter, stop: threading.Event | None = None
+    config: dict[str, Any],
+    run_dir: Path,
+    reporter: Reporter,
+    stop: threading.Event | None = None,
 ) -> str | None:
     """Train into a folder, or resume the run in it, evaluate, and report; returns the error, if
     any, also one of the user's code. Raises KeyboardInterrupt if ``stop`` is set meanwhile."""
@@ -156,7 +163,9 @@ def train_and_evaluate(
 
 
 def _train_in_processes(
-    configs: Sequence[TrainConfig], jobs: int | None, on_line: OnLine
+    configs: Sequence[TrainConfig],
+    jobs: int | None,
+    on_line: OnLine,
 ) -> list[str | None]:
     """Train all in local processes, so many at a time; returns the error of each, or ``None``."""
     waiting = deque(range(len(configs)))
@@ -224,7 +233,14 @@ def main() -> None:
         if order is not None:
             reporter = Reporter(partial(send, "report"))
             config, run_dir = order
-            if (error := train_and_evaluate(config, run_dir, reporter, stop)) is not None:
+            if (
+                error := train_and_evaluate(
+                    config,
+                    run_dir,
+                    reporter,
+                    stop,
+                )
+            ) is not None:
                 reporter.send({"error": error})
         code = 0
     except (BrokenPipeError, KeyboardInterrupt):  # the parent is gone, or asked for the end
@@ -289,7 +305,9 @@ def connected(address: str | None, cpus: int | None = None) -> Iterator[Any]:
 
 
 def map_on_cluster(
-    ray: Any, function: Callable[..., Any], orders: Sequence[tuple[Any, ...]]
+    ray: Any,
+    function: Callable[..., Any],
+    orders: Sequence[tuple[Any, ...]],
 ) -> Iterator[Any]:
     """Map a function over argument tuples in parallel, and yield the results in order; a lost
     worker is replaced."""
@@ -304,7 +322,12 @@ class Keeper:
         self._folders = [Path(folder) for folder in folders]
         self._messages: list[tuple[int, dict[str, Any]]] = []
 
-    def keep(self, number: int, files: dict[str, bytes], message: dict[str, Any]) -> None:
+    def keep(
+        self,
+        number: int,
+        files: dict[str, bytes],
+        message: dict[str, Any],
+    ) -> None:
         """Write files into the folder of a run, in their order, and store its message."""
         for name, data in files.items():
             path = self._folders[number] / name
@@ -344,7 +367,11 @@ def changed_files(folder: Path, known: dict[str, tuple[int, int]]) -> dict[str, 
     return changed
 
 
-def train_on_worker(number: int, config: dict[str, Any], keeper: Any) -> str | None:
+def train_on_worker(
+    number: int,
+    config: dict[str, Any],
+    keeper: Any,
+) -> str | None:
     """Start one run on a worker, or resume it from the keeper's files, and evaluate it; returns the
     error, if any."""
     import ray
@@ -353,7 +380,12 @@ def train_on_worker(number: int, config: dict[str, Any], keeper: Any) -> str | N
     torch.set_num_threads(1)
 
     class StartReporter(Reporter):
-        def on_start(self, config: TrainConfig, run_dir: Path, episodes_done: int) -> None:
+        def on_start(
+            self,
+            config: TrainConfig,
+            run_dir: Path,
+            episodes_done: int,
+        ) -> None:
             self.send({"started": episodes_done, "pid": os.getpid(), "node": platform.node()})
 
     with tempfile.TemporaryDirectory(prefix="bricksrl-") as temporary:
@@ -373,7 +405,10 @@ def train_on_worker(number: int, config: dict[str, Any], keeper: Any) -> str | N
 
 
 def train_on_cluster(
-    address: str | None, configs: Sequence[TrainConfig], cpus: int | None, on_line: OnLine
+    address: str | None,
+    configs: Sequence[TrainConfig],
+    cpus: int | None,
+    on_line: OnLine,
 ) -> list[str | None]:
     """Train all on a cluster, each into its folder on this computer; returns the error of each, or
     ``None``. Raises RunError if the cluster cannot be reached. ``cpus``: as in `connected`."""

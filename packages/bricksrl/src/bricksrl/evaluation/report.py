@@ -50,7 +50,13 @@ def film_before_and_after(run_dir: Path, env: str) -> Films:
     def film(which: str, name: str) -> Film:
         path = run_dir / f"{name}.mp4"
         title = f"{env} {name} learning"
-        return film_run(run_dir, which, path, title, budget_s=FILM_BUDGET_S)
+        return film_run(
+            run_dir,
+            which,
+            path,
+            title,
+            budget_s=FILM_BUDGET_S,
+        )
 
     before = film("first", "before")
     after = film("last", "after")
@@ -68,7 +74,11 @@ def can_film(run_dir: Path) -> bool:
 
 
 def write_report(
-    run_dir: Path, episodes: Sequence[Episode], result: EvaluationResult, *, film: bool = True
+    run_dir: Path,
+    episodes: Sequence[Episode],
+    result: EvaluationResult,
+    *,
+    film: bool = True,
 ) -> tuple[Path, str]:
     """Film a run, unless ``film`` is False, and write ``report.html`` into its folder.
 
@@ -111,7 +121,11 @@ def write_report(
     return path, str(films.both) if films is not None else f"none: {reason}"
 
 
-def _lead(episodes: Sequence[Episode], result: EvaluationResult, films: Films | None) -> str:
+def _lead(
+    episodes: Sequence[Episode],
+    result: EvaluationResult,
+    films: Films | None,
+) -> str:
     last = episodes[-1]
     learned = counted(episodes[-1].episode, "episode")
     played = counted(result.episodes, "episode")
@@ -227,7 +241,11 @@ def _table(rows: Iterable[tuple[str, str]]) -> str:
     return f"<table>{''.join(lines)}</table>"
 
 
-def _commands(run_dir: Path, origin: Origin, trained_episodes: int) -> str:
+def _commands(
+    run_dir: Path,
+    origin: Origin,
+    trained_episodes: int,
+) -> str:
     run = quoted(run_dir)
     env = quoted(origin.env)
     # What has learned from data alone goes on with a robot, from what it has learned.

@@ -40,7 +40,12 @@ def read_settings(path: Path, settings: S) -> S:
     """A copy of the settings with the values of a JSON file, such as `bricksrl tune` writes; others
     are unchanged. Raises DescriptionError if the file cannot be read, or names an unknown setting
     or an invalid value, RunError if it names code, and was made elsewhere or changed."""
-    with reading("the settings", path, DescriptionError, SETTINGS_REMEDY):
+    with reading(
+        "the settings",
+        path,
+        DescriptionError,
+        SETTINGS_REMEDY,
+    ):
         text = path.read_bytes()
         data = json.loads(text)
         table = dict(data.get("settings", data))

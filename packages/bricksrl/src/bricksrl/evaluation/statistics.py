@@ -120,7 +120,12 @@ def probability_of_improvement(
     return probability, Interval(float(low), float(high))
 
 
-def wilson_interval(successes: int, trials: int, *, confidence: float = 0.95) -> Interval:
+def wilson_interval(
+    successes: int,
+    trials: int,
+    *,
+    confidence: float = 0.95,
+) -> Interval:
     """Wilson score interval of a success rate, valid for few trials and for rates of 0 and 1.
     Raises DescriptionError if there are no trials, or the successes are not between 0 and
     ``trials``."""

@@ -108,7 +108,12 @@ OnTrial = Callable[[int, float | None, float | None], None]
 far."""
 
 
-def propose(trial: optuna.trial.BaseTrial, start: Any, *, goals: bool) -> Any:
+def propose(
+    trial: optuna.trial.BaseTrial,
+    start: Any,
+    *,
+    goals: bool,
+) -> Any:
     """Settings ``start`` with the values that the trial proposes."""
     values: dict[str, Any] = {}
     for name, limits in _space(start, goals=goals).items():
@@ -116,7 +121,12 @@ def propose(trial: optuna.trial.BaseTrial, start: Any, *, goals: bool) -> Any:
             values[name] = trial.suggest_categorical(name, limits)
         else:
             low, high, log = limits
-            values[name] = trial.suggest_float(name, low, high, log=log)
+            values[name] = trial.suggest_float(
+                name,
+                low,
+                high,
+                log=log,
+            )
     if "hidden" in values:
         values["hidden"] = tuple(int(part) for part in values["hidden"].split(","))
     proposed: Any = replace(start, **values)
@@ -231,12 +241,24 @@ def tune(
 
     def after_trial(study: optuna.Study, trial: optuna.trial.FrozenTrial) -> None:
         done = trial.state == optuna.trial.TrialState.COMPLETE
-        best = _write_best(study, tuning, start, folder, goals=goals)
+        best = _write_best(
+            study,
+            tuning,
+            start,
+            folder,
+            goals=goals,
+        )
         on_trial(trial.number, trial.value if done else None, None if best is None else best.value)
 
     with _storage(folder / STUDY), nullcontext() if on is None else connected(parse_on(on)) as ray:
         study.optimize(objective, n_trials=trials, callbacks=[after_trial])
-    best = _write_best(study, tuning, start, folder, goals=goals)
+    best = _write_best(
+        study,
+        tuning,
+        start,
+        folder,
+        goals=goals,
+    )
     if best is None:
         raise RunError(f"no trial of {folder} was finished; give more --trials")
     return best
@@ -259,7 +281,11 @@ def _storage(path: Path) -> Iterator[None]:
         ) from None
 
 
-def _train_and_evaluate(tuning: Tuning, settings: Any, seed: int) -> float:
+def _train_and_evaluate(
+    tuning: Tuning,
+    settings: Any,
+    seed: int,
+) -> float:
     """Mean return of a trained agent; not a number if it diverged."""
     from bricksrl.evaluation.evaluator import evaluate
     from bricksrl.training.run import train
@@ -267,7 +293,11 @@ def _train_and_evaluate(tuning: Tuning, settings: Any, seed: int) -> float:
     stop = threading.Event()
 
     class StopAtSteps(Callback):
-        def on_episode(self, episode: Episode, progress: Progress) -> None:
+        def on_episode(
+            self,
+            episode: Episode,
+            progress: Progress,
+        ) -> None:
             if episode.steps >= tuning.steps:
                 stop.set()
 
@@ -289,7 +319,12 @@ def _train_and_evaluate(tuning: Tuning, settings: Any, seed: int) -> float:
             if result.interrupted and not is_complete:
                 raise KeyboardInterrupt
             # Not the episodes of the final evaluation: what chooses must not also judge.
-            found = evaluate(run_dir, episodes=tuning.episodes, kind="selection", save=False)
+            found = evaluate(
+                run_dir,
+                episodes=tuning.episodes,
+                kind="selection",
+                save=False,
+            )
         except DivergedError:
             return math.nan
         return found.return_mean
@@ -313,7 +348,12 @@ def _as_proposed(settings: Any, *, goals: bool) -> dict[str, Any]:
 
 
 def _write_best(
-    study: optuna.Study, tuning: Tuning, start: Any, folder: Path, *, goals: bool
+    study: optuna.Study,
+    tuning: Tuning,
+    start: Any,
+    folder: Path,
+    *,
+    goals: bool,
 ) -> Best | None:
     """Write the best settings so far; ``None`` while no trial is finished."""
     import optuna

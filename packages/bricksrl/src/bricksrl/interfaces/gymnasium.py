@@ -304,7 +304,12 @@ class GymnasiumVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
                 f"there is no autoreset_mode {autoreset_mode!r}; choose one of {known}"
             ) from None
         self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
-        self.env: SimulatedEnv = _made(env_id, options, batch_size=num_envs, **named)
+        self.env: SimulatedEnv = _made(
+            env_id,
+            options,
+            batch_size=num_envs,
+            **named,
+        )
         task = self.env.task
         self.num_envs = num_envs
         self._max_steps = _limit(max_episode_steps, task)
@@ -480,7 +485,11 @@ def _longer(steps: int | None, registered: int | None) -> str:
     )
 
 
-def _made(env_id: str, options: EnvOptions | None, **named: Any) -> Any:
+def _made(
+    env_id: str,
+    options: EnvOptions | None,
+    **named: Any,
+) -> Any:
     env = make(env_id, options, **named)
     # TorchRL's transforms stand around the environment, and Gymnasium's users would not see them.
     if interface_of(env) is not env:
@@ -505,7 +514,11 @@ class _Goals:
     _parts: dict[str, list[int]]
     """Indices of the entries of each part of an observation."""
 
-    def _find_goals(self, env: Any, vector: gymnasium.Space[Any]) -> None:
+    def _find_goals(
+        self,
+        env: Any,
+        vector: gymnasium.Space[Any],
+    ) -> None:
         ours = env.unwrapped
         is_ours = isinstance(ours, GymnasiumEnv | GymnasiumVectorEnv)
         pairs = layout_of(ours.env).goals if is_ours else ()
@@ -530,18 +543,33 @@ class _Goals:
         """Parts of an observation vector."""
         return {name: observation[..., part] for name, part in self._parts.items()}
 
-    def compute_reward(self, achieved_goal: Array, desired_goal: Array, info: Any) -> Any:
+    def compute_reward(
+        self,
+        achieved_goal: Array,
+        desired_goal: Array,
+        info: Any,
+    ) -> Any:
         """Reward of a step that reached ``achieved_goal [*batch, g]``: a number, or an array
         ``[*batch]``."""
         state = self._state(achieved_goal, desired_goal)
         action = torch.zeros(*state.shape[:-1], len(self._task.interface.commands))
         return _plain(self._task.reward(state, action, state))
 
-    def compute_terminated(self, achieved_goal: Array, desired_goal: Array, info: Any) -> Any:
+    def compute_terminated(
+        self,
+        achieved_goal: Array,
+        desired_goal: Array,
+        info: Any,
+    ) -> Any:
         """Whether such a step ends the episode: a bool, or an array ``[*batch]``."""
         return _plain(self._task.terminated(self._state(achieved_goal, desired_goal)))
 
-    def compute_truncated(self, achieved_goal: Array, desired_goal: Array, info: Any) -> bool:
+    def compute_truncated(
+        self,
+        achieved_goal: Array,
+        desired_goal: Array,
+        info: Any,
+    ) -> bool:
         """False: only time truncates an episode."""
         return False
 
@@ -550,7 +578,11 @@ class _Goals:
         task: Task = self.unwrapped.env.task
         return task
 
-    def _state(self, achieved_goal: Array, desired_goal: Array) -> torch.Tensor:
+    def _state(
+        self,
+        achieved_goal: Array,
+        desired_goal: Array,
+    ) -> torch.Tensor:
         achieved = torch.as_tensor(np.asarray(achieved_goal, np.float32))
         desired = torch.as_tensor(np.asarray(desired_goal, np.float32))
         # The other entries stay 0: rewards of goals depend on goals and reached entries alone.

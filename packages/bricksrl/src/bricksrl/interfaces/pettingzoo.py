@@ -41,7 +41,12 @@ class ArenaParallelEnv(ParallelEnv):  # type: ignore[misc]
             the robots have their own.
     """
 
-    def __init__(self, env: str | ArenaTask, render_mode: str | None = None, **named: Any) -> None:
+    def __init__(
+        self,
+        env: str | ArenaTask,
+        render_mode: str | None = None,
+        **named: Any,
+    ) -> None:
         if named.get("batch_size"):
             raise UnknownOptionError(
                 "PettingZoo's arenas are single ones; omit batch_size, or use make_arena"
@@ -152,7 +157,11 @@ class ArenaParallelEnv(ParallelEnv):  # type: ignore[misc]
         observations = self._per_robot(self._state, "observation")
         return np.concatenate(list(observations.values()))
 
-    def _per_robot(self, tensordict: Any, name: str) -> dict[str, Array]:
+    def _per_robot(
+        self,
+        tensordict: Any,
+        name: str,
+    ) -> dict[str, Array]:
         task = self._env.task
         values = {}
         for group, names in task.groups.items():

@@ -35,7 +35,10 @@ class ArenaPage(LivePage):
     """
 
     def __init__(
-        self, task: ArenaTask, subtitle: str = "", options: PageOptions | None = None
+        self,
+        task: ArenaTask,
+        subtitle: str = "",
+        options: PageOptions | None = None,
     ) -> None:
         robots = zip(task.robots, task.interfaces, strict=True)
         self._arena = task
@@ -43,7 +46,12 @@ class ArenaPage(LivePage):
             name: PageDriver([command.entry for command in interface.commands])
             for name, interface in robots
         }
-        super().__init__(task.id, subtitle, speed="1x", options=options)
+        super().__init__(
+            task.id,
+            subtitle,
+            speed="1x",
+            options=options,
+        )
         self.board.update_status(goal=" ".join(task.doc.strip().partition("\n\n")[0].split()))
 
     def attach(self, env: Any) -> None:
@@ -53,7 +61,13 @@ class ArenaPage(LivePage):
         self._is_paced_here = False
         half_m = max(self._arena.arena.half_size_m or (_OPEN_HALF_M,))
         # From above, so that no robot hides another one.
-        view = View((0.0, 0.0, 0.0), 2.0 * half_m + 0.8, -90.0, 48.0, ratio=_ARENA_RATIO)
+        view = View(
+            (0.0, 0.0, 0.0),
+            2.0 * half_m + 0.8,
+            -90.0,
+            48.0,
+            ratio=_ARENA_RATIO,
+        )
         mirror = Mirror(ArenaWorld(self._arena.arena).bodies[0], view)
         machine = env.hub(self._arena.robots[0]).machine
         self.view.show_machine(machine, body=env.world.bodies[0], mirror=mirror)
@@ -72,7 +86,12 @@ class ArenaPage(LivePage):
     def is_driven(self) -> bool:
         return any(driver.in_charge for driver in self.drivers.values())
 
-    def _handle_seat(self, name: str, value: Any, visitor: Visitor) -> bool:
+    def _handle_seat(
+        self,
+        name: str,
+        value: Any,
+        visitor: Visitor,
+    ) -> bool:
         action, _, robot = name.partition(":")
         if action == "left":
             driver = self._driver_of(visitor)
@@ -107,7 +126,11 @@ class ArenaPage(LivePage):
             self.drivers[robot].push(value)
         return True
 
-    def _let_drive(self, robot: str, visitor: Visitor) -> None:
+    def _let_drive(
+        self,
+        robot: str,
+        visitor: Visitor,
+    ) -> None:
         for left in self.seats.take(robot, visitor):
             self._let_go(left)
         self.drivers[robot].release()
@@ -175,4 +198,10 @@ def play_arena(
         return total
 
     with torch.no_grad(), set_exploration_type(ExplorationType.DETERMINISTIC):
-        return play_endlessly(env, page, episode, episodes=episodes, stop=stop)
+        return play_endlessly(
+            env,
+            page,
+            episode,
+            episodes=episodes,
+            stop=stop,
+        )

@@ -72,7 +72,11 @@ class Board:
         self.status: tuple[int, dict[str, Any]] = (0, {})
         self.series: dict[str, Series] = {}
 
-    def show_scene(self, scene: Scene, poses: Poses) -> None:
+    def show_scene(
+        self,
+        scene: Scene,
+        poses: Poses,
+    ) -> None:
         """Show another scene, with its bodies in these poses."""
         self.scene = (self.scene[0] + 1, scene)
         self.show_poses(poses)
@@ -94,7 +98,13 @@ class Board:
             if updated != status:
                 self.status = (version + 1, updated)
 
-    def new_series(self, name: str, columns: Sequence[str], *, max_rows: int = MAX_STEPS) -> Series:
+    def new_series(
+        self,
+        name: str,
+        columns: Sequence[str],
+        *,
+        max_rows: int = MAX_STEPS,
+    ) -> Series:
         """Add a series to plot; one of the same name is replaced."""
         series = Series(tuple(columns), max_rows)
         self.series = {**self.series, name: series}
@@ -148,7 +158,11 @@ class BoardReader:
             messages.append({"series": changed})
         return messages
 
-    def _rows(self, name: str, series: Series) -> dict[str, Any] | None:
+    def _rows(
+        self,
+        name: str,
+        series: Series,
+    ) -> dict[str, Any] | None:
         series_id, count = self._series.get(name, (0, -1))
         # A series may have been replaced by another one of the same name.
         if series_id != id(series):

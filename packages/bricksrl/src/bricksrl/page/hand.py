@@ -42,7 +42,11 @@ class Hand:
         if isinstance(number, int):
             self._pull = (number, float(x_m), float(y_m), time.monotonic())
 
-    def act(self, body: MujocoBody, numbers: list[int]) -> None:
+    def act(
+        self,
+        body: MujocoBody,
+        numbers: list[int],
+    ) -> None:
         """Apply the force to the twin, given the model's number of each drawn body."""
         pull = self._pull
         data = body.data
@@ -73,7 +77,14 @@ class Hand:
         # A robot is pulled as a whole; of what stands on a fixed base, the part that is gripped.
         root = self._held = root if model.body_weldid[root] else number
         velocity = np.empty(6)
-        mujoco.mj_objectVelocity(model, data, mujoco.mjtObj.mjOBJ_BODY, root, velocity, 0)
+        mujoco.mj_objectVelocity(
+            model,
+            data,
+            mujoco.mjtObj.mjOBJ_BODY,
+            root,
+            velocity,
+            0,
+        )
         way_m = target_m - data.subtree_com[root, :2]
         mass_kg = float(model.body_subtreemass[root])
         # A critically damped spring: m (w^2 x - 2 w v).

@@ -57,7 +57,12 @@ class PageDriver:
         in_charge: drive from the start.
     """
 
-    def __init__(self, commands: Sequence[Entry], *, in_charge: bool = False) -> None:
+    def __init__(
+        self,
+        commands: Sequence[Entry],
+        *,
+        in_charge: bool = False,
+    ) -> None:
         self.commands = tuple(commands)
         self.in_charge = in_charge
         self._rest = at_rest(self.commands)
@@ -188,7 +193,12 @@ class LivePage(PageServer):
     ) -> None:
         from bricksrl.data.schema import describe_task
 
-        super().__init__(Board(), self._press, self.stop, options)
+        super().__init__(
+            Board(),
+            self._press,
+            self.stop,
+            options,
+        )
         self._end_run = on_stop
         self._halted = threading.Event()
         self._changed = threading.Event()
@@ -224,7 +234,11 @@ class LivePage(PageServer):
         self._due_s = 0.0
         self._last_step_s = 0.0
         self._last_rate: tuple[float, int] = (time.monotonic(), 0)
-        self.board.update_status(title=title, subtitle=subtitle, state="waiting")
+        self.board.update_status(
+            title=title,
+            subtitle=subtitle,
+            state="waiting",
+        )
         self.board.update_status(speeds=list(SPEEDS), policies=list(self._policies))
         if task is not None:
             self.board.update_status(goal=task.summary, scores=scores_to_beat(task.id))
@@ -259,7 +273,12 @@ class LivePage(PageServer):
     def has_stopped(self) -> bool:
         return self._env.has_stopped
 
-    def _press(self, name: str, value: Any, visitor: Visitor | None = None) -> None:
+    def _press(
+        self,
+        name: str,
+        value: Any,
+        visitor: Visitor | None = None,
+    ) -> None:
         if visitor is not None and self._handle_seat(name, value, visitor):
             self._publish()
             return
@@ -284,7 +303,12 @@ class LivePage(PageServer):
         self._changed.set()
         self._publish()
 
-    def _handle_seat(self, name: str, value: Any, visitor: Visitor) -> bool:
+    def _handle_seat(
+        self,
+        name: str,
+        value: Any,
+        visitor: Visitor,
+    ) -> bool:
         """Handle what is about who drives; True if the press is done with, or not allowed, as
         somebody else drives."""
         match name:
@@ -411,10 +435,19 @@ class LivePage(PageServer):
         after = frame["next"]
         reward = float(after["reward"])
         image = {"image": after["image"].numpy()} if "image" in after else {}
-        self.show_outcome(after["observation"].tolist(), reward, self._sum + reward, **image)
+        self.show_outcome(
+            after["observation"].tolist(),
+            reward,
+            self._sum + reward,
+            **image,
+        )
 
     def show_outcome(
-        self, values: list[float], reward: float | None, total: float, image: Any = None
+        self,
+        values: list[float],
+        reward: float | None,
+        total: float,
+        image: Any = None,
     ) -> None:
         """Show the observation ``[n]`` after a step, its reward, if it is known, the return so far,
         and the camera's image."""
@@ -441,7 +474,12 @@ class LivePage(PageServer):
                 if name.endswith("_angle")
             }
             tilt = (sensed.get("pitch", 0.0), sensed.get("roll", 0.0))
-            self.view.show_sensed(self._task.robot, self._task.scene, angles, tilt)
+            self.view.show_sensed(
+                self._task.robot,
+                self._task.scene,
+                angles,
+                tilt,
+            )
         if now_s < self._due_s:
             return
         self._due_s = now_s + NUMBERS_S
@@ -472,7 +510,11 @@ class LivePage(PageServer):
         """Facts to show with the next numbers, by name."""
         self._facts |= facts
 
-    def end(self, return_: float, episode: str) -> None:
+    def end(
+        self,
+        return_: float,
+        episode: str,
+    ) -> None:
         """End an episode; ``episode`` is the text shown as its number, or the next one's."""
         self._returns.add((return_,))
         self._facts |= {"episode": episode, "return": return_}
@@ -564,7 +606,10 @@ class LivePage(PageServer):
             self.board.update_status(state=self._state)
         speed = "1x" if self._speed_factor == 1.0 else self._speed
         self.board.update_status(
-            controls=controls, speed=speed, policy=self.policy, facts=dict(self._facts)
+            controls=controls,
+            speed=speed,
+            policy=self.policy,
+            facts=dict(self._facts),
         )
         if driver is not None:
             self.board.update_status(
@@ -574,4 +619,8 @@ class LivePage(PageServer):
     def finish(self, message: str = "") -> None:
         """Show that the run is over; the message is good news."""
         self._is_ended = True
-        self.board.update_status(state="finished", message="", note=message)
+        self.board.update_status(
+            state="finished",
+            message="",
+            note=message,
+        )

@@ -35,8 +35,17 @@ class PlanView(PageServer):
         options: address of the server.
     """
 
-    def __init__(self, plan: Plan, options: PageOptions | None = None) -> None:
-        super().__init__(Board(), self.press, lambda: None, options)
+    def __init__(
+        self,
+        plan: Plan,
+        options: PageOptions | None = None,
+    ) -> None:
+        super().__init__(
+            Board(),
+            self.press,
+            lambda: None,
+            options,
+        )
         if not plan.parts:
             raise PlanError(
                 f"{plan.path} has no part that the catalogue knows; run `bricksrl plan check` on it"
@@ -67,7 +76,12 @@ class PlanView(PageServer):
         )
         self._publish()
 
-    def press(self, name: str, value: Any, _visitor: Visitor | None = None) -> None:
+    def press(
+        self,
+        name: str,
+        value: Any,
+        _visitor: Visitor | None = None,
+    ) -> None:
         """Handle a press on the page; unknown ones are ignored."""
         with self._lock:
             match name, value:
@@ -110,7 +124,11 @@ class PlanView(PageServer):
         }
         if assembly:
             facts["builds"] = assembly
-        self.board.update_status(sliders=sliders, facts=facts, note=step.note)
+        self.board.update_status(
+            sliders=sliders,
+            facts=facts,
+            note=step.note,
+        )
 
     def _poses(self) -> Floats:
         """Poses of the parts [parts, 7]."""
@@ -175,5 +193,10 @@ def _scene(plan: Plan) -> Scene:
     highest = points.max(axis=0)
     x, y, z = ((lowest + highest) / 2).tolist()
     size = float(np.linalg.norm(highest - lowest))
-    view = replace(View(), target=(x, y, z), distance_m=1.8 * size, yaw_deg=35.0)
+    view = replace(
+        View(),
+        target=(x, y, z),
+        distance_m=1.8 * size,
+        yaw_deg=35.0,
+    )
     return Scene(tuple(bodies), floor_m=float(lowest[2]), view=view)

@@ -46,7 +46,11 @@ class PageCallback(Callback):
         stop: event that ends the run.
     """
 
-    def __init__(self, page: LivePage, stop: threading.Event) -> None:
+    def __init__(
+        self,
+        page: LivePage,
+        stop: threading.Event,
+    ) -> None:
         self._page = page
         self._stop = stop
         self._episodes = 0
@@ -54,7 +58,12 @@ class PageCallback(Callback):
     def on_env(self, env: EnvBase) -> None:
         self._page.attach(env)
 
-    def on_start(self, config: TrainConfig, run_dir: Path, episodes_done: int) -> None:
+    def on_start(
+        self,
+        config: TrainConfig,
+        run_dir: Path,
+        episodes_done: int,
+    ) -> None:
         self._episodes = config.episodes
         self._page.board.update_status(
             title=without_folder(config.env),
@@ -63,7 +72,11 @@ class PageCallback(Callback):
         self._page.begin()
 
     def on_transition(
-        self, episode: int, step: int, phase: Phase, transition: TensorDictBase
+        self,
+        episode: int,
+        step: int,
+        phase: Phase,
+        transition: TensorDictBase,
     ) -> None:
         if step == 1:
             self._page.begin()
@@ -73,15 +86,29 @@ class PageCallback(Callback):
         if bool(transition["next", "done"]):
             self._page.clear_reset()
 
-    def on_step(self, episode: int, step: int, phase: Phase) -> None:
+    def on_step(
+        self,
+        episode: int,
+        step: int,
+        phase: Phase,
+    ) -> None:
         self._page.hold(self._stop.is_set)
         self._page.cut()
 
-    def on_link_lost(self, episode: int, length: int, error: BricksError) -> None:
+    def on_link_lost(
+        self,
+        episode: int,
+        length: int,
+        error: BricksError,
+    ) -> None:
         self._page.clear_reset()
         self._page.board.update_status(message=f"{error}; trying to reach it again")
 
-    def on_episode(self, episode: Episode, progress: Progress) -> None:
+    def on_episode(
+        self,
+        episode: Episode,
+        progress: Progress,
+    ) -> None:
         self._page.board.update_status(message="")
         self._page.end(episode.return_, f"{episode.episode}/{self._episodes}")
         self._page.begin()
@@ -148,7 +175,13 @@ def play_on_page(
             yield
         return None if interface_of(env).is_cut else total
 
-    return play_endlessly(env, page, episode, episodes=episodes, stop=stop)
+    return play_endlessly(
+        env,
+        page,
+        episode,
+        episodes=episodes,
+        stop=stop,
+    )
 
 
 def play_endlessly(
@@ -176,7 +209,12 @@ def play_endlessly(
         number = f"{len(returns) + 1}"
         try:
             page.begin()
-            return_ = _watched(page, episode(number), number, stop)
+            return_ = _watched(
+                page,
+                episode(number),
+                number,
+                stop,
+            )
             if return_ is not None:
                 returns.append(return_)
                 page.end(return_, number)
@@ -204,7 +242,12 @@ def play_endlessly(
     return returns
 
 
-def _watched(page: LivePage, steps: Steps, number: str, stop: threading.Event) -> float | None:
+def _watched(
+    page: LivePage,
+    steps: Steps,
+    number: str,
+    stop: threading.Event,
+) -> float | None:
     """Take the steps of an episode, each when the page lets the robot go on; its return, ``None``
     if it was cut short."""
     while True:

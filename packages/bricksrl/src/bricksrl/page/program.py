@@ -23,7 +23,11 @@ _RELOAD_S = 3.0
 class Told:
     """A stream whose text, or bytes, are shown by a function too."""
 
-    def __init__(self, stream: Any, show: Callable[[str], None]) -> None:
+    def __init__(
+        self,
+        stream: Any,
+        show: Callable[[str], None],
+    ) -> None:
         self._stream = stream
         self._show = show
 
@@ -45,8 +49,17 @@ class ProgramPage(PageServer):
         options: address of the server.
     """
 
-    def __init__(self, title: str, options: PageOptions | None = None) -> None:
-        super().__init__(Board(), self._press, self.stop, options)
+    def __init__(
+        self,
+        title: str,
+        options: PageOptions | None = None,
+    ) -> None:
+        super().__init__(
+            Board(),
+            self._press,
+            self.stop,
+            options,
+        )
         self._halted = threading.Event()
         self._speed = "1x"
         self._said = ""
@@ -78,7 +91,11 @@ class ProgramPage(PageServer):
         """Once the program has ended, stay as long as somebody looks at the page, at least until a
         browser can be open; Ctrl-C ends it."""
         if not self._halted.is_set():
-            self.board.update_status(state="finished", controls=[], note="The program has ended.")
+            self.board.update_status(
+                state="finished",
+                controls=[],
+                note="The program has ended.",
+            )
         until_s = time.monotonic() + opening_s
         with contextlib.suppress(KeyboardInterrupt):
             while self.is_watched or time.monotonic() < until_s:
@@ -92,7 +109,12 @@ class ProgramPage(PageServer):
         self._halted.set()
         self.board.update_status(state="stopped", message="The program was stopped by hand.")
 
-    def _press(self, name: str, value: Any, _visitor: Visitor | None = None) -> None:
+    def _press(
+        self,
+        name: str,
+        value: Any,
+        _visitor: Visitor | None = None,
+    ) -> None:
         if name in ("pull", "left"):
             self._view.hand.pull(value)
         if name == "speed":

@@ -36,7 +36,12 @@ class Judge:
         self.rewards = list[float]()
         self.is_over = False
 
-    def see(self, previous: Any, action: Any, observation: Any) -> None:
+    def see(
+        self,
+        previous: Any,
+        action: Any,
+        observation: Any,
+    ) -> None:
         """Judge a step, now or later: observation ``[n]`` before it, action ``[m]``, observation
         after it."""
         self._seen.append((previous, action, observation))
@@ -94,8 +99,19 @@ def play_robot(
             judge.see(previous, action, observation)
             steps += 1
             reward = judge.rewards[-1] if judge.rewards else None
-            page.show_outcome(observation[seen].tolist(), reward, judge.total, **env.image())
+            page.show_outcome(
+                observation[seen].tolist(),
+                reward,
+                judge.total,
+                **env.image(),
+            )
             yield
         return judge.end()
 
-    return play_endlessly(env, page, episode, episodes=episodes, stop=stop)
+    return play_endlessly(
+        env,
+        page,
+        episode,
+        episodes=episodes,
+        stop=stop,
+    )

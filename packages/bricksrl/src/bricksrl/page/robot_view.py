@@ -72,7 +72,15 @@ PRIMITIVES: dict[int, Callable[[float, float, float], Mesh]] = {
     _GEOM.mjGEOM_BOX: lambda x, y, z: box((x, y, z)),
     _GEOM.mjGEOM_SPHERE: lambda x, _y, _z: mesh_of(_SPHERE, x),
     _GEOM.mjGEOM_ELLIPSOID: lambda x, y, z: mesh_of(_SPHERE, (x, y, z)),
-    _GEOM.mjGEOM_CAPSULE: lambda x, y, _z: mesh_of(shapes.box(2 * x, 2 * x, 2 * (x + y), x, _ARC)),
+    _GEOM.mjGEOM_CAPSULE: lambda x, y, _z: mesh_of(
+        shapes.box(
+            2 * x,
+            2 * x,
+            2 * (x + y),
+            x,
+            _ARC,
+        )
+    ),
     _GEOM.mjGEOM_CYLINDER: lambda x, y, _z: mesh_of(shapes.cylinder(1000 * x, 2000 * y), 0.001),
 }
 """Meshes of MuJoCo's geometry by kind, from its size."""
@@ -169,10 +177,20 @@ def twin_scene(body: MujocoBody) -> tuple[Scene, list[int]]:
         px, py, pz = model.geom_pos[geom].tolist()
         w, qx, qy, qz = model.geom_quat[geom].tolist()
         pattern = "bricks" if model.geom(geom).name == "wall" else ""
-        shape = Shape(mesh, (red, green, blue, opacity), (px, py, pz), (w, qx, qy, qz), pattern)
+        shape = Shape(
+            mesh,
+            (red, green, blue, opacity),
+            (px, py, pz),
+            (w, qx, qy, qz),
+            pattern,
+        )
         shapes_of.setdefault(int(model.geom_bodyid[geom]), []).append(shape)
     numbers = sorted(shapes_of)
-    view = View(target=(0.06, 0.0, 0.13), distance_m=0.8, yaw_deg=-50.0)
+    view = View(
+        target=(0.06, 0.0, 0.13),
+        distance_m=0.8,
+        yaw_deg=-50.0,
+    )
     # A robot with a free joint moves about, and the camera with it.
     if model.njnt and model.jnt_type[0] == mujoco.mjtJoint.mjJNT_FREE:
         chassis = int(model.jnt_bodyid[0])
@@ -205,7 +223,11 @@ class Mirror:
         view: the first view; by default that of the robot.
     """
 
-    def __init__(self, body: MujocoBody, view: View | None = None) -> None:
+    def __init__(
+        self,
+        body: MujocoBody,
+        view: View | None = None,
+    ) -> None:
         self.body = body
         scene, self.numbers = twin_scene(self.body)
         roots = self.body.model.body_rootid
@@ -226,7 +248,10 @@ class Mirror:
         self._ghost_poses = self._hidden = poses([(HIDDEN, 0.0, 0.0)] * len(ghosts))
 
     def poses(
-        self, qpos: Floats64, goal: Goal | None = None, moved_m: Floats64 | None = None
+        self,
+        qpos: Floats64,
+        goal: Goal | None = None,
+        moved_m: Floats64 | None = None,
     ) -> Floats:
         """Poses ``[bodies, 7]`` of the scene's bodies at these joint positions, and places ``[n,
         3]`` of what a hand moves; without a goal the ghost is hidden."""
@@ -245,7 +270,12 @@ class Mirror:
         if goal != self._goal:
             self._goal = goal
             if self._ghost is None:
-                self._ghost = MujocoBody(self.body.robot, self.body.scene, Physics(), 0)
+                self._ghost = MujocoBody(
+                    self.body.robot,
+                    self.body.scene,
+                    Physics(),
+                    0,
+                )
             pose_at(self._ghost, goal)
             data = self._ghost.data
             self._ghost_poses = poses(
@@ -267,7 +297,12 @@ class RobotView:
         speed: speed of a virtual robot, see :class:`SteeredPace`.
     """
 
-    def __init__(self, board: Board, halted: threading.Event, speed: Callable[[], float]) -> None:
+    def __init__(
+        self,
+        board: Board,
+        halted: threading.Event,
+        speed: Callable[[], float],
+    ) -> None:
         self._board = board
         self._halted = halted
         self._speed = speed
@@ -322,7 +357,14 @@ class RobotView:
             if mirror is not None and isinstance(body, MujocoBody):
                 self.hand.act(body, mirror.numbers)
 
-        machine.pace = SteeredPace(machine, self._halted, self._speed, update, feel, halt)
+        machine.pace = SteeredPace(
+            machine,
+            self._halted,
+            self._speed,
+            update,
+            feel,
+            halt,
+        )
         update()
 
     def show_sensed(
@@ -376,7 +418,11 @@ class RobotView:
             facts["battery"] = f"{connection.twin.body.battery_mv / 1000:.2f} V"
         self._board.update_status(link=facts)
 
-    def _mirror(self, robot: Robot, surroundings: Surroundings) -> Mirror:
+    def _mirror(
+        self,
+        robot: Robot,
+        surroundings: Surroundings,
+    ) -> Mirror:
         """The mirror of a robot, cached."""
         key = (robot.name, surroundings)
         if key not in self._mirrors:
@@ -385,7 +431,15 @@ class RobotView:
             if self.goal is not None and self.goal.at_mm is not None:
                 target, distance_m = overview_of(surroundings)
                 view = View(target, 0.85 * distance_m, ratio=_GOAL_RATIO)
-            self._mirrors[key] = Mirror(MujocoBody(robot, surroundings, Physics(), 0), view)
+            self._mirrors[key] = Mirror(
+                MujocoBody(
+                    robot,
+                    surroundings,
+                    Physics(),
+                    0,
+                ),
+                view,
+            )
         return self._mirrors[key]
 
     def _use(self, mirror: Mirror) -> Mirror:

@@ -111,7 +111,13 @@ class Guard:
         """Value of the Set-Cookie header with the token."""
         return f"{self.cookie}={self.token}; HttpOnly; SameSite=Strict; Path=/"
 
-    def refusal(self, path: str, headers: Mapping[str, str], *, is_socket: bool) -> str | None:
+    def refusal(
+        self,
+        path: str,
+        headers: Mapping[str, str],
+        *,
+        is_socket: bool,
+    ) -> str | None:
         """Reason to refuse a request; ``None`` to accept it."""
         host = headers.get("Host") or ""
         name = host.removesuffix(f":{self.port}")
@@ -246,8 +252,16 @@ class PageServer:
         for thread in self._threads:
             thread.join(_JOIN_TIMEOUT_S)
 
-    def _start(self, name: str, target: Callable[[], None]) -> None:
-        thread = threading.Thread(target=target, name=name, daemon=True)
+    def _start(
+        self,
+        name: str,
+        target: Callable[[], None],
+    ) -> None:
+        thread = threading.Thread(
+            target=target,
+            name=name,
+            daemon=True,
+        )
         self._threads.append(thread)
         thread.start()
 
@@ -285,7 +299,11 @@ class PageServer:
         """Content type and bytes of a file of the page; ``None`` if there is no such file."""
         return _file(name or "index.html")
 
-    def _answer(self, connection: ServerConnection, request: Request) -> Response | None:
+    def _answer(
+        self,
+        connection: ServerConnection,
+        request: Request,
+    ) -> Response | None:
         """Response to a request; ``None`` accepts a WebSocket."""
         path = urllib.parse.urlsplit(request.path).path
         status = http.HTTPStatus.OK
@@ -357,7 +375,11 @@ class PageServer:
         """Show who is here."""
         self.board.update_status(visitors=[visitor.name for visitor in self.visitors.here()])
 
-    async def _send_changes(self, connection: ServerConnection, visitor: Visitor) -> None:
+    async def _send_changes(
+        self,
+        connection: ServerConnection,
+        visitor: Visitor,
+    ) -> None:
         reader = BoardReader(self.board)
         due_s = 0.0
         told: dict[str, str] | None = None
@@ -377,7 +399,10 @@ class PageServer:
             await asyncio.sleep(FRAME_S)
 
     async def _receive(
-        self, connection: ServerConnection, message: str | bytes, visitor: Visitor
+        self,
+        connection: ServerConnection,
+        message: str | bytes,
+        visitor: Visitor,
     ) -> None:
         """Handle a press; other messages, as of another version of the page, are ignored."""
         try:
@@ -460,7 +485,12 @@ class PageServer:
             except Exception as error:  # noqa: BLE001  a failed press must not block later ones
                 _log.warning("the page: %s", error)
 
-    def _handle(self, name: str, value: Any, visitor: Visitor | None) -> None:
+    def _handle(
+        self,
+        name: str,
+        value: Any,
+        visitor: Visitor | None,
+    ) -> None:
         if visitor is not None and name not in _UNSEEN:
             visitor.note = ""
         self._on_press(name, value, visitor)
@@ -524,7 +554,11 @@ def _file(name: str) -> tuple[str, bytes] | None:
 # --------------------------------------- values of presses, which may be anything that JSON can say
 
 
-def chosen(noun: str, value: object, names: Iterable[str]) -> str:
+def chosen(
+    noun: str,
+    value: object,
+    names: Iterable[str],
+) -> str:
     """The value, one of the names. Raises PageError if it is none of them."""
     known = list(names)
     if isinstance(value, str) and value in known:

@@ -90,17 +90,44 @@ class Action:
 ACTIONS = {
     "play": Action("environment", ("play",), ("--page",)),
     "drive": Action("environment", ("drive",)),
-    "train": Action("environment", ("train",), ("--page",), is_alone=False),
+    "train": Action(
+        "environment",
+        ("train",),
+        ("--page",),
+        is_alone=False,
+    ),
     "game": Action("arena", ("team",), ("--page",)),
     "watch": Action("run", ("play",), ("--page",)),
-    "compare": Action("run", ("compare",), out="png", has_page=False, is_alone=False),
-    "class": Action("class", ("compare", "--class"), has_page=False, is_alone=False),
+    "compare": Action(
+        "run",
+        ("compare",),
+        out="png",
+        has_page=False,
+        is_alone=False,
+    ),
+    "class": Action(
+        "class",
+        ("compare", "--class"),
+        has_page=False,
+        is_alone=False,
+    ),
     "build": Action("plan", ("plan", "show")),
-    "booklet": Action("plan", ("plan", "steps"), out="pdf", has_page=False, is_alone=False),
+    "booklet": Action(
+        "plan",
+        ("plan", "steps"),
+        out="pdf",
+        has_page=False,
+        is_alone=False,
+    ),
 }
 for _hub in ("virtual", "ble", "usb"):
     _options = ("--hub", _hub, "--yes")
-    ACTIONS[f"check {_hub}"] = Action("environment", ("hub", "check"), _options, has_page=False)
+    ACTIONS[f"check {_hub}"] = Action(
+        "environment",
+        ("hub", "check"),
+        _options,
+        has_page=False,
+    )
 REAL_HUB = ("check ble", "check usb")
 """Actions that one visitor can do at a time."""
 _RUN_FILES = {"report.html": "text/html; charset=utf-8", "before_after.mp4": "video/mp4"}
@@ -113,7 +140,12 @@ def launch(words: Sequence[str], folder: Path) -> subprocess.Popen[str]:
     """Start a command of ``bricksrl`` in a folder, with all that it says on one pipe; Ctrl-C does
     not reach it. It ends when its standard input does, which also happens if this process is
     killed."""
-    command, variables = own_python("-u", "-m", "bricksrl.cli.job", *words)
+    command, variables = own_python(
+        "-u",
+        "-m",
+        "bricksrl.cli.job",
+        *words,
+    )
     # Windows would take the encoding of the country.
     variables["PYTHONIOENCODING"] = "utf-8"
     # A group of its own, so that a Ctrl-C in the terminal is for the page, which ends its jobs.
@@ -155,7 +187,11 @@ class Job:
     lines: deque[str] = field(default_factory=lambda: deque(maxlen=_MAX_LINES))
 
     def __post_init__(self) -> None:
-        self.reader = threading.Thread(target=self.listen, name="bricksrl-page-job", daemon=True)
+        self.reader = threading.Thread(
+            target=self.listen,
+            name="bricksrl-page-job",
+            daemon=True,
+        )
         self.reader.start()
 
     def listen(self) -> None:
@@ -247,9 +283,17 @@ class StartPage(PageServer):
     """
 
     def __init__(
-        self, folder: Path, options: PageOptions | None = None, launch: Launch = launch
+        self,
+        folder: Path,
+        options: PageOptions | None = None,
+        launch: Launch = launch,
     ) -> None:
-        super().__init__(Board(), self._press, lambda: None, options)
+        super().__init__(
+            Board(),
+            self._press,
+            lambda: None,
+            options,
+        )
         self._folder = folder
         self._launch = launch
         self._jobs = list[Job]()
@@ -273,7 +317,11 @@ class StartPage(PageServer):
             cards.append({"env": env_id, "summary": self._envs[env_id]})
         for env_id in ARENAS:
             cards.append({"env": env_id, "summary": arena_summary(env_id), "is_arena": True})
-        self.board.update_status(title="BricksRL", cards=cards, plans=self._plans)
+        self.board.update_status(
+            title="BricksRL",
+            cards=cards,
+            plans=self._plans,
+        )
         self._publish()
 
     def __enter__(self) -> Self:
@@ -306,7 +354,12 @@ class StartPage(PageServer):
             return _OUTPUTS[name.rpartition(".")[2]], results[name].read_bytes()
         return super().file(name or "start.html")
 
-    def _press(self, name: str, value: Any, visitor: Visitor | None = None) -> None:
+    def _press(
+        self,
+        name: str,
+        value: Any,
+        visitor: Visitor | None = None,
+    ) -> None:
         message = ""
         try:
             match name:
@@ -328,7 +381,11 @@ class StartPage(PageServer):
             visitor.note = message
         self._publish()
 
-    def _end_or_ask(self, number: Any, visitor: Visitor | None) -> None:
+    def _end_or_ask(
+        self,
+        number: Any,
+        visitor: Visitor | None,
+    ) -> None:
         """End a job, after asking the visitor who has started it."""
         for job in self._jobs:
             if job.number != number or not job.is_running:
@@ -337,7 +394,11 @@ class StartPage(PageServer):
                 is_others = visitor is not None and job.owner not in (None, visitor)
                 self._end([job], f"ended by {visitor.name}" if is_others and visitor else "")
 
-    def _answer_question(self, value: Any, visitor: Visitor | None) -> None:
+    def _answer_question(
+        self,
+        value: Any,
+        visitor: Visitor | None,
+    ) -> None:
         """Answer of a visitor who was asked whether a job may end."""
         if visitor is None or not isinstance(value, list) or len(value) != 2:
             return
@@ -349,14 +410,23 @@ class StartPage(PageServer):
                 visitor.note = f"{job.about} was ended for {asker.name}, as you said yes."
                 self._end([job], f"ended for {asker.name}")
 
-    def _end(self, jobs: Sequence[Job], why: str) -> None:
+    def _end(
+        self,
+        jobs: Sequence[Job],
+        why: str,
+    ) -> None:
         for job in jobs:
             job.why = why
         end_jobs(jobs)
         for job in jobs:
             self._seats.give_back(_seat(job))
 
-    def _begin(self, name: str, values: list[Any], visitor: Visitor | None) -> None:
+    def _begin(
+        self,
+        name: str,
+        values: list[Any],
+        visitor: Visitor | None,
+    ) -> None:
         """Start the command of an action for names; the robot that the visitor had before ends.
         Raises PageError for names that the page does not know, and where others have all robots, or
         the hub, already."""
@@ -389,12 +459,22 @@ class StartPage(PageServer):
             others = [job for job in alone if visitor is not None and job.owner is not visitor]
             self._check_room(name, others)
             self._end([job for job in alone if job not in others], "")
-        job = Job(number, name, ", ".join(names), self._launch(words, self._folder), visitor)
+        job = Job(
+            number,
+            name,
+            ", ".join(names),
+            self._launch(words, self._folder),
+            visitor,
+        )
         if visitor is not None:
             self._seats.take(_seat(job), visitor)
         self._jobs = without_old([*self._jobs, job])
 
-    def _check_room(self, name: str, others: Sequence[Job]) -> None:
+    def _check_room(
+        self,
+        name: str,
+        others: Sequence[Job],
+    ) -> None:
         """Raise PageError if the robots of others leave none for a visitor."""
         names = [job.owner.name if job.owner is not None else "somebody" for job in others]
         if len(others) >= _MAX_ROBOTS:
@@ -447,7 +527,11 @@ class StartPage(PageServer):
     def _publish(self) -> None:
         runs, untrusted = self._runs_and_untrusted()
         jobs = [job.described() for job in reversed(self._jobs)]
-        self.board.update_status(jobs=jobs, runs=runs, untrusted=untrusted)
+        self.board.update_status(
+            jobs=jobs,
+            runs=runs,
+            untrusted=untrusted,
+        )
         self.board.update_status(**self._seats.described())
 
     def _runs(self) -> list[dict[str, Any]]:

@@ -62,7 +62,11 @@ class Visitors:
         self._known: dict[str, Visitor] = {}
         self._count = 0
 
-    def arrive(self, secret: str, name: str) -> Visitor:
+    def arrive(
+        self,
+        secret: str,
+        name: str,
+    ) -> Visitor:
         """The visitor who opens a tab."""
         visitor = self._known.get(secret)
         if visitor is None:
@@ -75,13 +79,22 @@ class Visitors:
         visitor.is_asleep = False
         return visitor
 
-    def leave(self, visitor: Visitor, *, closed: bool) -> None:
+    def leave(
+        self,
+        visitor: Visitor,
+        *,
+        closed: bool,
+    ) -> None:
         """Note that a tab is gone; ``closed``: the browser has said so."""
         visitor.tabs -= 1
         visitor.left_s = time.monotonic()
         visitor.is_asleep = not closed
 
-    def rename(self, visitor: Visitor, name: object) -> None:
+    def rename(
+        self,
+        visitor: Visitor,
+        name: object,
+    ) -> None:
         """Give a visitor a name, with a number if somebody else has it; what is no name is
         ignored."""
         if not isinstance(name, str):
@@ -146,12 +159,20 @@ class Seats:
         visitor = self._holders.get(name)
         return None if visitor is None or visitor.is_away else visitor
 
-    def may(self, name: str, visitor: Visitor | None) -> bool:
+    def may(
+        self,
+        name: str,
+        visitor: Visitor | None,
+    ) -> bool:
         """Whether a visitor may use it: nobody else holds it. ``None`` stands for the program
         itself."""
         return visitor is None or self.holder(name) in (None, visitor)
 
-    def take(self, name: str, visitor: Visitor) -> list[str]:
+    def take(
+        self,
+        name: str,
+        visitor: Visitor,
+    ) -> list[str]:
         """Let a visitor hold it; the names of what is free now."""
         left = []
         if not self._holds_several:
@@ -171,7 +192,11 @@ class Seats:
         if (question := self._questions.pop(name, None)) is not None:
             question.by.note = f"The {name} is free now."
 
-    def ask(self, name: str, visitor: Visitor) -> bool:
+    def ask(
+        self,
+        name: str,
+        visitor: Visitor,
+    ) -> bool:
         """Ask the holder; True if there is nobody to ask, so that the visitor may take it."""
         if self.may(name, visitor):
             return True
@@ -183,7 +208,13 @@ class Seats:
         visitor.note = ""
         return False
 
-    def answer(self, name: str, visitor: Visitor, *, agrees: bool) -> Visitor | None:
+    def answer(
+        self,
+        name: str,
+        visitor: Visitor,
+        *,
+        agrees: bool,
+    ) -> Visitor | None:
         """Answer of the holder; the visitor who asked, if it is a yes."""
         question = self._questions.get(name)
         if question is None or self._holders.get(name) is not visitor:

@@ -17,7 +17,12 @@ if TYPE_CHECKING:
     from bricksrl.training.restore import Which
 
 
-def load_policy(path: Path | str, env: EnvBase | None = None, *, which: Which = "last") -> Policy:
+def load_policy(
+    path: Path | str,
+    env: EnvBase | None = None,
+    *,
+    which: Which = "last",
+) -> Policy:
     """Load the policy of a run, or a shared one, as a TensorDict module for ``env.rollout(100,
     policy)``.
 

@@ -110,7 +110,11 @@ def path_of(env_id: str) -> Path:
     return FOLDER / f"{env_id}.npz"
 
 
-def array_policies(env_id: str, task: Task, seed: int) -> dict[str, Callable[[], ArrayPolicy]]:
+def array_policies(
+    env_id: str,
+    task: Task,
+    seed: int,
+) -> dict[str, Callable[[], ArrayPolicy]]:
     """Factories of the policies of an environment, the best one last; ``seed`` is that of the
     random actions."""
     rng = np.random.default_rng(seed)

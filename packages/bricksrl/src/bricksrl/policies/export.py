@@ -55,7 +55,11 @@ class BestAction(nn.Module):
 
 
 def export_model(
-    path: Path | str, out: Path, format_: Format = "torch-export", *, which: Which = "last"
+    path: Path | str,
+    out: Path,
+    format_: Format = "torch-export",
+    *,
+    which: Which = "last",
 ) -> float:
     """Export the policy of a run, or a shared one, to the file ``out``; read it back, and compare.
 
@@ -101,7 +105,11 @@ def export_model(
     return difference
 
 
-def _best(policy: Policy, acting: BestAction, inputs: tuple[Tensor, ...]) -> Tensor:
+def _best(
+    policy: Policy,
+    acting: BestAction,
+    inputs: tuple[Tensor, ...],
+) -> Tensor:
     """The policy's actions, computed twice in different order. Raises RunError if the results
     differ."""
     first: Tensor = acting(*inputs)
@@ -138,7 +146,11 @@ def _observations(env: EnvBase, layout: ObservationLayout) -> dict[str, Tensor]:
     return drawn
 
 
-def _program(acting: BestAction, inputs: tuple[Tensor, ...], format_: Format) -> bytes:
+def _program(
+    acting: BestAction,
+    inputs: tuple[Tensor, ...],
+    format_: Format,
+) -> bytes:
     """Content of the file, for any batch size. Raises RunError if torch cannot export the
     policy."""
     any_batch = tuple({0: torch.export.Dim.DYNAMIC} for _ in inputs)

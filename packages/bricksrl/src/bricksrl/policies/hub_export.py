@@ -64,7 +64,11 @@ class HubExport:
 
 
 def export_program(
-    path: Path | str, out: Path, *, which: Which = "last", hidden: tuple[int, ...] = HIDDEN
+    path: Path | str,
+    out: Path,
+    *,
+    which: Which = "last",
+    hidden: tuple[int, ...] = HIDDEN,
 ) -> HubExport:
     """Export the policy of a run, or a shared one, as a program for the robot's hub, and try it on
     the virtual hub.
@@ -108,7 +112,13 @@ def export_program(
                 ends_s.append(episode.hub_time_s)
             return policy(state)
 
-        played = play_episodes(env, timed, EPISODES, _SEED, reset_policy=policy.reset)
+        played = play_episodes(
+            env,
+            timed,
+            EPISODES,
+            _SEED,
+            reset_policy=policy.reset,
+        )
         before = [episode.return_ for episode in played]
         age_ms = _age_ms(ends_s, task.interface.settle.fixed_ms)
         # A gait alone is a few lines on the hub; as a base of something else it is a part of it.
@@ -123,13 +133,25 @@ def export_program(
             distil(env, policy, network, _SEED)
             source = network.hub_source()
         program = generate_alone(
-            task.robot, task.interface, channels, source, f"a {kind} that learned {task.id}", age_ms
+            task.robot,
+            task.interface,
+            channels,
+            source,
+            f"a {kind} that learned {task.id}",
+            age_ms,
         )
         blob = program_blob(compile_program(program), task.robot.hub)
     # The program itself, in the virtual hub, which counts its time and its memory.
     alone = []
     for number in range(EPISODES):
-        alone.append(play_alone(program, task, physics, derive_seed(_SEED, "hub", number)))
+        alone.append(
+            play_alone(
+                program,
+                task,
+                physics,
+                derive_seed(_SEED, "hub", number),
+            )
+        )
     computing_ms = max(episode.computing_ms for episode in alone)
     heap_bytes = max(episode.heap_bytes for episode in alone)
     if computing_ms > task.interface.settle.longest_ms:
@@ -140,7 +162,15 @@ def export_program(
     write_durably(out, program.source.encode())
     policy_return = fmean(before)
     hub_return = fmean(episode.return_ for episode in alone)
-    return HubExport(kind, age_ms, len(blob), heap_bytes, computing_ms, policy_return, hub_return)
+    return HubExport(
+        kind,
+        age_ms,
+        len(blob),
+        heap_bytes,
+        computing_ms,
+        policy_return,
+        hub_return,
+    )
 
 
 def _age_ms(ends_s: list[float], step_ms: int | None) -> int:
@@ -221,10 +251,20 @@ class Alone:
             raise _Over
 
 
-def play_alone(program: HubProgram, task: Task, physics: Physics | None, seed: int) -> Alone:
+def play_alone(
+    program: HubProgram,
+    task: Task,
+    physics: Physics | None,
+    seed: int,
+) -> Alone:
     """Let a program of `generate_alone` play an episode of the task on a virtual hub. Raises the
     program's exception."""
-    body: Any = make_body(task.robot, scene=task.scene, physics=physics, seed=seed)
+    body: Any = make_body(
+        task.robot,
+        scene=task.scene,
+        physics=physics,
+        seed=seed,
+    )
     machine = Machine(body)
     pose = getattr(body, "pose", None)
     odometer = SonarOdometer(task.interface) if pose is None else TrueOdometer(pose, 0.0)
@@ -232,7 +272,12 @@ def play_alone(program: HubProgram, task: Task, physics: Physics | None, seed: i
     importable = modules(machine, episode)
     episode.heap = importable["gc"].mem_alloc
     try:
-        execute(program.source, program.name, importable, episode)
+        execute(
+            program.source,
+            program.name,
+            importable,
+            episode,
+        )
     except _Over:
         pass
     finally:

@@ -44,7 +44,12 @@ class HubNetwork(nn.Module):
         size: m.
     """
 
-    def __init__(self, entries: Sequence[Entry], size: int, hidden: Sequence[int] = HIDDEN) -> None:
+    def __init__(
+        self,
+        entries: Sequence[Entry],
+        size: int,
+        hidden: Sequence[int] = HIDDEN,
+    ) -> None:
         super().__init__()
         self.count = len(entries)
         angles = [index for index, entry in enumerate(entries) if entry.wraps]
@@ -149,7 +154,12 @@ def act(observed):
 '''  # noqa: E501
 
 
-def distil(env: EnvBase, policy: Policy, network: HubNetwork, seed: int) -> TensorDictModule:
+def distil(
+    env: EnvBase,
+    policy: Policy,
+    network: HubNetwork,
+    seed: int,
+) -> TensorDictModule:
     """Teach the network the policy's actions where the policy, and then the network, goes. Returns
     it as a policy."""
     student = TensorDictModule(network, in_keys=["observation"], out_keys=["action"])

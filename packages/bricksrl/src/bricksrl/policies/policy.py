@@ -38,7 +38,10 @@ class Policy(TensorDictModuleBase):  # type: ignore[misc]
     """
 
     def __init__(
-        self, module: TensorDictModuleBase, env: EnvBase, through: EnvBase | None = None
+        self,
+        module: TensorDictModuleBase,
+        env: EnvBase,
+        through: EnvBase | None = None,
     ) -> None:
         super().__init__()
         layout = layout_of(env)
@@ -70,7 +73,11 @@ class Policy(TensorDictModuleBase):  # type: ignore[misc]
                 action = self._transforms.action(self.module, given)
         return tensordict.set("action", action)
 
-    def act(self, observation: Any, image: Any = None) -> Any:
+    def act(
+        self,
+        observation: Any,
+        image: Any = None,
+    ) -> Any:
         """Action ``[*batch, m]``, in -1..1, for an observation ``[*batch, n]``: an array for an
         array, a tensor for a tensor. ``image``: uint8 ``[*batch, side, side, 3]``, for a policy
         that uses images. Raises DescriptionError for another n, or without the image that the
@@ -107,7 +114,11 @@ class PolicyTransforms:
         self._playback: Playback
         self.view: EnvBase | None = None
 
-    def action(self, module: TensorDictModuleBase, given: TensorDictBase) -> Tensor:
+    def action(
+        self,
+        module: TensorDictModuleBase,
+        given: TensorDictBase,
+    ) -> Tensor:
         """The module's action behind the transforms, as the environment gets it; between two steps
         of theirs its last one."""
         base = base_of(self._env)
@@ -141,7 +152,11 @@ class Player:
     reset: Callable[[], None] = lambda: None
 
 
-def named_policies(run_dir: Path, env: EnvBase, seed: int) -> dict[str, Callable[[], Player]]:
+def named_policies(
+    run_dir: Path,
+    env: EnvBase,
+    seed: int,
+) -> dict[str, Callable[[], Player]]:
     """Factories of the policies of a run, or of a shared one, for comparison: random, first
     (untrained), best, last. Raises RunError or CheckpointError if there is no run in the folder,
     or, when called, the policy does not match ``env``.

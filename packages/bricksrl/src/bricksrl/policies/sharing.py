@@ -39,7 +39,12 @@ def is_policy(path: Path) -> bool:
     return (path / ABOUT).is_file() and (path / TENSORS).is_file()
 
 
-def export_policy(run_dir: Path, out: Path, *, licence: str = "mit") -> Path:
+def export_policy(
+    run_dir: Path,
+    out: Path,
+    *,
+    licence: str = "mit",
+) -> Path:
     """Write the policy of a run to the folder ``out``, atomically: `TENSORS`, `ABOUT` and a card.
     Raises RunError if ``out`` exists or cannot be written, or there is no run, CheckpointError if
     the run's checkpoint is damaged."""
@@ -82,7 +87,13 @@ def export_policy(run_dir: Path, out: Path, *, licence: str = "mit") -> Path:
     shared = portable(acting.to_dict())
     about = {"bricksrl_policy": _VERSION, "episodes": trained.episodes, "config": shared}
     evaluation = folder.own_evaluation(trained.episodes)
-    card = _card(shared["env"], shared["agent"], trained.episodes, evaluation, licence)
+    card = _card(
+        shared["env"],
+        shared["agent"],
+        trained.episodes,
+        evaluation,
+        licence,
+    )
     with atomic_folder(out) as new:
         write_durably(new / TENSORS, save(tensors))
         text = (json.dumps(about, indent=1, default=str) + "\n").encode()
@@ -108,7 +119,12 @@ def _read_files(path: Path) -> tuple[bytes, dict[str, Any], dict[str, Any]]:
 
     if not is_policy(path):
         raise CheckpointError(f"there is no policy in {path}; choose {folder_with(path, TENSORS)}")
-    with reading("the policy", path / ABOUT, CheckpointError, "fetch the policy again"):
+    with reading(
+        "the policy",
+        path / ABOUT,
+        CheckpointError,
+        "fetch the policy again",
+    ):
         text = (path / ABOUT).read_bytes()
         data = (path / TENSORS).read_bytes()
         about = json.loads(text)
@@ -146,7 +162,13 @@ def load_shared(path: Path, env: EnvBase) -> Learner:
     return learner
 
 
-def push_policy(run_dir: Path, repo: str, *, private: bool = False, licence: str = "mit") -> str:
+def push_policy(
+    run_dir: Path,
+    repo: str,
+    *,
+    private: bool = False,
+    licence: str = "mit",
+) -> str:
     """Upload the policy of a run, or a shared one, to the hub; returns its address. Raises RunError
     or CheckpointError as in `export_policy`, DataError if the hub is out of reach or refuses. A
     shared policy keeps the ``licence`` on its card."""
@@ -155,7 +177,12 @@ def push_policy(run_dir: Path, repo: str, *, private: bool = False, licence: str
         if not is_policy(run_dir):
             folder = export_policy(run_dir, Path(temporary) / "policy", licence=licence)
         with hub_client(repo) as api:
-            api.create_repo(repo, repo_type="model", private=private, exist_ok=True)
+            api.create_repo(
+                repo,
+                repo_type="model",
+                private=private,
+                exist_ok=True,
+            )
             api.upload_folder(
                 repo_id=repo,
                 repo_type="model",
@@ -165,7 +192,12 @@ def push_policy(run_dir: Path, repo: str, *, private: bool = False, licence: str
             return f"{api.endpoint}/{repo}"
 
 
-def pull_policy(repo: str, out: Path, *, revision: str | None = None) -> Path:
+def pull_policy(
+    repo: str,
+    out: Path,
+    *,
+    revision: str | None = None,
+) -> Path:
     """Download a policy from the hub into the folder ``out``; it is checked before it is moved
     there.
 
@@ -173,7 +205,13 @@ def pull_policy(repo: str, out: Path, *, revision: str | None = None) -> Path:
         CheckpointError: the repository has no policy of BricksRL, or it is damaged.
         DataError: ``out`` exists, there is no such policy, or the hub is out of reach.
     """
-    with downloaded(repo, "model", out, [TENSORS, ABOUT, CARD], revision) as folder:
+    with downloaded(
+        repo,
+        "model",
+        out,
+        [TENSORS, ABOUT, CARD],
+        revision,
+    ) as folder:
         text, config, _ = _read_files(folder)
         # Fetching executes nothing; whether its code may run is asked when it is used.
         if not code_in(config) or is_trusted(text):
@@ -182,7 +220,11 @@ def pull_policy(repo: str, out: Path, *, revision: str | None = None) -> Path:
 
 
 def _card(
-    env: str, agent: str, episodes: int, evaluation: dict[str, Any] | None, licence: str
+    env: str,
+    agent: str,
+    episodes: int,
+    evaluation: dict[str, Any] | None,
+    licence: str,
 ) -> str:
     """Card of a policy, as Markdown, with the results of an evaluation if there is one."""
     result = "It has not been evaluated yet."

@@ -93,7 +93,11 @@ class Progress:
     remaining_s: float
 
     @classmethod
-    def of(cls, episodes: Sequence[Episode], total: int) -> Progress:
+    def of(
+        cls,
+        episodes: Sequence[Episode],
+        total: int,
+    ) -> Progress:
         """The progress after these episodes of ``total``."""
         last = episodes[-1]
         # Totals before the last few episodes: of the one before them, or of the run's start.
@@ -135,27 +139,55 @@ class Callback:
     def on_learner(self, learner: Learner) -> None:
         """The learner of the run; for asynchronous runs its robot-side actor."""
 
-    def on_start(self, config: TrainConfig, run_dir: Path, episodes_done: int) -> None:
+    def on_start(
+        self,
+        config: TrainConfig,
+        run_dir: Path,
+        episodes_done: int,
+    ) -> None:
         """The robot is connected, and the run starts, or resumes after ``episodes_done``
         episodes."""
 
-    def on_step(self, episode: int, step: int, phase: Phase) -> None:
+    def on_step(
+        self,
+        episode: int,
+        step: int,
+        phase: Phase,
+    ) -> None:
         """Step ``step`` (from 1) of episode ``episode`` (from 1) was made and learned from."""
 
     def on_transition(
-        self, episode: int, step: int, phase: Phase, transition: TensorDictBase
+        self,
+        episode: int,
+        step: int,
+        phase: Phase,
+        transition: TensorDictBase,
     ) -> None:
         """The step as returned by TorchRL's ``EnvBase.step``, before it is learned from; copy what
         you keep."""
 
-    def on_link_lost(self, episode: int, length: int, error: BricksError) -> None:
+    def on_link_lost(
+        self,
+        episode: int,
+        length: int,
+        error: BricksError,
+    ) -> None:
         """The link broke after ``length`` complete steps, and the run reconnects. `on_episode`
         follows unless ``length`` is 0."""
 
-    def on_robot(self, robot: str, state: RobotState, reason: str) -> None:
+    def on_robot(
+        self,
+        robot: str,
+        state: RobotState,
+        reason: str,
+    ) -> None:
         """A robot of a fleet changed its state; ``reason`` says why it left."""
 
-    def on_episode(self, episode: Episode, progress: Progress) -> None:
+    def on_episode(
+        self,
+        episode: Episode,
+        progress: Progress,
+    ) -> None:
         """An episode ended and is on disk; in asynchronous runs it is about to be."""
 
     def on_catching_up(self, updates: int) -> None:

@@ -32,7 +32,12 @@ def save_checkpoint(path: Path, state: dict[str, Any]) -> None:
 def load_checkpoint(path: Path) -> dict[str, Any]:
     """Load a checkpoint. Raises CheckpointError if the file is missing, damaged, or no
     checkpoint."""
-    with reading("the checkpoint", path, CheckpointError, "choose the folder of a run"):
+    with reading(
+        "the checkpoint",
+        path,
+        CheckpointError,
+        "choose the folder of a run",
+    ):
         data = path.read_bytes()
     if not data.startswith(MAGIC):
         raise CheckpointError(

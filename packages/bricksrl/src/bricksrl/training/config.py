@@ -180,7 +180,11 @@ class TrainConfig(RunOptions, EnvOptions):
         return data
 
     @classmethod
-    def from_dict(cls, data: dict[str, Any], run_dir: Path | None = None) -> "TrainConfig":
+    def from_dict(
+        cls,
+        data: dict[str, Any],
+        run_dir: Path | None = None,
+    ) -> "TrainConfig":
         """Inverse of `to_dict`. Raises RunError if a name or type is invalid."""
         values = data.get("settings")
         if not isinstance(values, dict | None):
@@ -353,7 +357,11 @@ def settings_from(agent: str, given: dict[str, Any]) -> Any:
     return settings_type(**values)
 
 
-def settings_for(env: str, name: str, agent: str) -> Any:
+def settings_for(
+    env: str,
+    name: str,
+    agent: str,
+) -> Any:
     """Settings of a preset for an agent in an environment; those of its task in the preset
     "default". Raises UnknownNameError if there is no such agent or preset, DescriptionError if no
     agent has a setting of the task, or this one not such a value."""

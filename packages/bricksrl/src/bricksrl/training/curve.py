@@ -17,7 +17,10 @@ def moving_mean(values: Sequence[float], window: int) -> list[float]:
 
 
 def draw_learning_curve(
-    path: Path, episodes: Sequence[Episode], title: str, lines: Mapping[str, float] | None = None
+    path: Path,
+    episodes: Sequence[Episode],
+    title: str,
+    lines: Mapping[str, float] | None = None,
 ) -> None:
     """Write a PNG with returns, their moving mean, and labelled reference lines."""
     figure = new_figure()
@@ -63,7 +66,12 @@ def draw_learning_curve(
             label="evaluation",
             zorder=4,
         )
-    style(axes, title, "episode", "return (sum of rewards)")
+    style(
+        axes,
+        title,
+        "episode",
+        "return (sum of rewards)",
+    )
     axes.margins(x=0.04)
     finish(axes, lines)
     save(figure, path)

@@ -64,7 +64,11 @@ class InLoopLearner:
     """Learns while the robot waits: repeatable, bit for bit. ``state``: pace, and frames not
     learned from yet."""
 
-    def __init__(self, actor: Learner, state: dict[str, Any]) -> None:
+    def __init__(
+        self,
+        actor: Learner,
+        state: dict[str, Any],
+    ) -> None:
         self.actor = actor
         # Nothing is ever pending here, whatever an asynchronous run has left behind.
         asked = state["pace"]["asked"]
@@ -75,7 +79,11 @@ class InLoopLearner:
         # No number of updates: the first weights are new.
         self._updates_sent = -1
 
-    def remember(self, frames: TensorDictBase, robot: int = 0) -> None:
+    def remember(
+        self,
+        frames: TensorDictBase,
+        robot: int = 0,
+    ) -> None:
         """Store frames ``[time]`` or ``[copies, time]``, in batches of the learner's size."""
         size = self.actor.frames_per_batch
         is_batch = frames.shape[-1] >= size
@@ -114,7 +122,11 @@ class InLoopLearner:
             return {}
         return self.actor.learn(steps)
 
-    def save(self, path: Path, state: dict[str, Any]) -> None:
+    def save(
+        self,
+        path: Path,
+        state: dict[str, Any],
+    ) -> None:
         """Write a checkpoint of ``state``, the learner and pending frames."""
         of_learner = {
             "agent": self.actor.state_dict(),
@@ -136,7 +148,11 @@ class AsyncLearner(contextlib.AbstractContextManager["AsyncLearner"]):
     the ``state`` of a checkpoint."""
 
     def __init__(
-        self, config: TrainConfig, env: EnvBase, actor: Learner, state: dict[str, Any]
+        self,
+        config: TrainConfig,
+        env: EnvBase,
+        actor: Learner,
+        state: dict[str, Any],
     ) -> None:
         # A device, if there is one, is the learner's.
         actor.act_on("cpu")
@@ -174,7 +190,12 @@ class AsyncLearner(contextlib.AbstractContextManager["AsyncLearner"]):
                 f"cannot start the learner's process ({error.strerror}); train synchronously"
             ) from None
 
-    def _begin(self, config: TrainConfig, env: EnvBase, state: dict[str, Any]) -> None:
+    def _begin(
+        self,
+        config: TrainConfig,
+        env: EnvBase,
+        state: dict[str, Any],
+    ) -> None:
         """Tell the process what to learn, and where to go on."""
         # The process makes the transforms of the config; those of a user's own environment it
         # cannot know, but a dataset has to pass through them.
@@ -221,7 +242,11 @@ class AsyncLearner(contextlib.AbstractContextManager["AsyncLearner"]):
         """The policy's tensors, if there are new ones since the last call."""
         return self.actor.weights.pop() if self.actor.weights else None
 
-    def remember(self, frames: TensorDictBase, robot: int = 0) -> None:
+    def remember(
+        self,
+        frames: TensorDictBase,
+        robot: int = 0,
+    ) -> None:
         """Send frames to the learner."""
         # As plain tensors, which the pipe sends as arrays: torch's own format is slow.
         columns = dict(frames.flatten_keys(".").items())
@@ -244,7 +269,11 @@ class AsyncLearner(contextlib.AbstractContextManager["AsyncLearner"]):
             self._metrics = []
         return means(metrics)
 
-    def save(self, path: Path, state: dict[str, Any]) -> None:
+    def save(
+        self,
+        path: Path,
+        state: dict[str, Any],
+    ) -> None:
         """Request a checkpoint; the learner writes it before it continues."""
         self._saves += 1
         self._send("save", (str(path.absolute()), state))
@@ -254,7 +283,11 @@ class AsyncLearner(contextlib.AbstractContextManager["AsyncLearner"]):
         self._wait(lambda: self._done >= self._asked or not go_on())
         self._wait(lambda: self._saved >= self._saves)
 
-    def _send(self, kind: str, content: Any) -> None:
+    def _send(
+        self,
+        kind: str,
+        content: Any,
+    ) -> None:
         self._check()
         try:
             self._process.send(kind, content)
@@ -308,8 +341,9 @@ class AsyncLearner(contextlib.AbstractContextManager["AsyncLearner"]):
         code = process.wait(_END_TIMEOUT_S)
         # As POSIX's `subprocess` tells of a process that a signal ended, such as that of the
         # kernel when memory is short.
-        was_killed = code is not None and code < 0
-        return f"died (signal {-code})" if was_killed else f"died (exit code {code})"
+        if code is not None and code < 0:
+            return f"died (signal {-code})"
+        return f"died (exit code {code})"
 
 
 LearnerSide = InLoopLearner | AsyncLearner
@@ -335,7 +369,11 @@ def main() -> None:
     leave()
 
 
-def serve(begin: dict[str, Any], inbox: Inbox, send: Send) -> None:
+def serve(
+    begin: dict[str, Any],
+    inbox: Inbox,
+    send: Send,
+) -> None:
     """Learn until the robot's side ends the run or disconnects."""
     # The other cores are for the robot.
     torch.set_num_threads(1)

@@ -53,13 +53,24 @@ class Trained:
     episodes: int
 
 
-def load_learner(run_dir: Path | str, env: EnvBase, *, which: Which = "last") -> Trained:
+def load_learner(
+    run_dir: Path | str,
+    env: EnvBase,
+    *,
+    which: Which = "last",
+) -> Trained:
     """The learner of a run, on the CPU, for ``env``. Raises RunError if there is no run in the
     folder, CheckpointError if it is damaged, or the observation or action of ``env`` differs,
     DivergedError if its weights are not finite."""
     folder = RunFolder(run_dir)
     config = folder.read_config()
-    state = load_state(folder, config, env, which=which, frozen=True)
+    state = load_state(
+        folder,
+        config,
+        env,
+        which=which,
+        frozen=True,
+    )
     learner = make_learner_for(config, env, device="cpu")
     # What only acts needs no replay buffer, which is most of a checkpoint.
     agent = {key: value for key, value in state["agent"].items() if key != "memory"}
@@ -78,7 +89,13 @@ def untrained_learner(run_dir: Path | str, env: EnvBase) -> Learner:
 
 def one_robot(config: TrainConfig) -> TrainConfig:
     """The config for a single robot, the first, on the CPU."""
-    return replace(config, num_envs=1, robots=1, hub=config.hubs[0], device="cpu")
+    return replace(
+        config,
+        num_envs=1,
+        robots=1,
+        hub=config.hubs[0],
+        device="cpu",
+    )
 
 
 def stand_in(config: TrainConfig) -> EnvBase:
@@ -93,13 +110,22 @@ def stand_in(config: TrainConfig) -> EnvBase:
     return env
 
 
-def make_learner_for(config: TrainConfig, env: EnvBase, device: str | None = None) -> Learner:
+def make_learner_for(
+    config: TrainConfig,
+    env: EnvBase,
+    device: str | None = None,
+) -> Learner:
     """A new learner from a config, for ``env``. Raises RunError without enough memory, device or
     compiler."""
     if device is None:
         device = str(resolve_device(config.device))
     try:
-        learner = make_learner(config.agent, env, config.settings, device)
+        learner = make_learner(
+            config.agent,
+            env,
+            config.settings,
+            device,
+        )
     except RuntimeError as error:
         # torch has no type of its own for it on the processor.
         if "memory" not in str(error):
@@ -142,7 +168,12 @@ def base_for(config: TrainConfig, env: EnvBase) -> Base:
     return Base(policy)
 
 
-def read_for(path: str, env: EnvBase, *, images: bool) -> Episodes:
+def read_for(
+    path: str,
+    env: EnvBase,
+    *,
+    images: bool,
+) -> Episodes:
     """The dataset in a folder, or of a run, for an agent in ``env``; of a run that learned from
     data, that one. Raises DataError if it cannot be used there."""
     folder = RunFolder(path)
@@ -189,7 +220,11 @@ def read_for(path: str, env: EnvBase, *, images: bool) -> Episodes:
     return data
 
 
-def attach_dataset(config: TrainConfig, learner: Learner, env: EnvBase) -> TensorDict | None:
+def attach_dataset(
+    config: TrainConfig,
+    learner: Learner,
+    env: EnvBase,
+) -> TensorDict | None:
     """Give a learner the config's data or demonstrations, and return their frames ``[time]``; also
     needed when a run resumes. Raises DataError if they cannot be used, RunError if the agent cannot
     use a dataset, or needs one."""
@@ -233,7 +268,11 @@ def attach_dataset(config: TrainConfig, learner: Learner, env: EnvBase) -> Tenso
     return frames
 
 
-def _give(learner: Learner, frames: TensorDict, config: TrainConfig) -> None:
+def _give(
+    learner: Learner,
+    frames: TensorDict,
+    config: TrainConfig,
+) -> None:
     """Put recorded frames ``[time]`` where a learner draws its batches from."""
     if isinstance(learner.memory, TransitionReplayBuffer):
         # Of the same kind as the memory, so that each batch can be half of both; a ring of one row
@@ -247,7 +286,11 @@ def _give(learner: Learner, frames: TensorDict, config: TrainConfig) -> None:
         size = getattr(config.settings, "batch_size", 256)
         keys = learner.policy.in_keys
         learner.dataset = recorded_memory(
-            frames, size, keys, chunk=learner.chunk, device=learner.device
+            frames,
+            size,
+            keys,
+            chunk=learner.chunk,
+            device=learner.device,
         )
 
 
@@ -261,13 +304,21 @@ def teacher_of(config: TrainConfig, learner: Learner) -> RunFolder | None:
 
 
 def warm_start(
-    config: TrainConfig, learner: Learner, env: EnvBase, frames: TensorDict | None
+    config: TrainConfig,
+    learner: Learner,
+    env: EnvBase,
+    frames: TensorDict | None,
 ) -> None:
     """Let a new learner go on from the config's ``start`` run, or imitate its demonstrations, whose
     ``frames`` are given; those of a run with what its policy would have done. Raises RunError if
     there is no such run or the agent cannot be taught, CheckpointError if they do not fit."""
     if config.start is not None:
-        _go_on_from(config.start, config, learner, env)
+        _go_on_from(
+            config.start,
+            config,
+            learner,
+            env,
+        )
     elif frames is not None and config.demonstrations is not None and not learner.imitates:
         actions = frames["action"]
         if teacher_of(config, learner) is not None:
@@ -279,7 +330,12 @@ def warm_start(
         imitate(learner, frames, actions)
 
 
-def _go_on_from(start: str, config: TrainConfig, learner: Learner, env: EnvBase) -> None:
+def _go_on_from(
+    start: str,
+    config: TrainConfig,
+    learner: Learner,
+    env: EnvBase,
+) -> None:
     """Let a new learner go on from a run of the same agent with the same settings."""
     folder = RunFolder(start)
     old_config = folder.read_config()

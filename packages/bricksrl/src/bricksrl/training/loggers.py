@@ -27,7 +27,12 @@ class Tracking(Callback):
             )
         self._kind = log
 
-    def on_start(self, config: TrainConfig, run_dir: Path, episodes_done: int) -> None:
+    def on_start(
+        self,
+        config: TrainConfig,
+        run_dir: Path,
+        episodes_done: int,
+    ) -> None:
         from torchrl.record.loggers import get_logger
 
         project = {"project": PROJECT, "config": config.to_dict()}
@@ -37,10 +42,18 @@ class Tracking(Callback):
         # TensorBoard's logs are a folder within the run, the others' name the run elsewhere.
         name = "tensorboard" if self._kind == "tensorboard" else run_dir.name
         self._log: Any = get_logger(
-            self._kind, str(run_dir), name, trackio_kwargs=project, wandb_kwargs=wandb
+            self._kind,
+            str(run_dir),
+            name,
+            trackio_kwargs=project,
+            wandb_kwargs=wandb,
         )
 
-    def on_episode(self, episode: Episode, progress: Progress) -> None:
+    def on_episode(
+        self,
+        episode: Episode,
+        progress: Progress,
+    ) -> None:
         for name, value in numbers(episode).items():
             self._log.log_scalar(name, value, step=episode.steps)
         # TensorBoard holds back what it logs, and a run takes long enough to look at it meanwhile.

@@ -144,7 +144,11 @@ class Loop:
                     folder.draw_curve(self.config, self.episodes)
             is_interrupted = self.is_evaluation_due or not self._is_over()
             result = RunResult(
-                folder.path, tuple(self.episodes), is_interrupted, updates_per_step, caught_up
+                folder.path,
+                tuple(self.episodes),
+                is_interrupted,
+                updates_per_step,
+                caught_up,
             )
             self.callback.on_end(result)
         finally:
@@ -221,7 +225,10 @@ class Loop:
         is_batch = bool(frame.batch_dims)
         if not is_batch and not moved.is_lost:
             self.callback.on_transition(
-                playing.number, playing.length, playing.phase, moved.own_frame
+                playing.number,
+                playing.length,
+                playing.phase,
+                moved.own_frame,
             )
         frames = frame if is_batch else frame[None]  # [copies, time] or [1]
         # Also one in which the link broke: its outcome is left out, but the memory sees the gap.
@@ -264,7 +271,11 @@ class Loop:
         else:
             self._report()
 
-    def _keep(self, playing: Playing, episode: Episode) -> None:
+    def _keep(
+        self,
+        playing: Playing,
+        episode: Episode,
+    ) -> None:
         """Count an episode: write it into the metrics, and the checkpoint."""
         steps_before = self.episodes[-1].steps if self.episodes else 0
         seconds_before = self.episodes[-1].seconds if self.episodes else 0.0
@@ -290,7 +301,11 @@ class Loop:
         self.folder.append(counted)
         self.save()
 
-    def _update_measures(self, playing: Playing, episode: Episode) -> dict[str, float]:
+    def _update_measures(
+        self,
+        playing: Playing,
+        episode: Episode,
+    ) -> dict[str, float]:
         """Means over an episode's updates, by names that are not the task's."""
         measures = {name: float(value) for name, value in means(playing.metrics).items()}
         measured_by = f"measures of the updates of {without_folder(self.config.agent)}"
@@ -309,7 +324,13 @@ class Loop:
         progress = Progress.of(self.episodes, self.config.episodes)
         self.callback.on_episode(self.episodes[-1], progress)
 
-    def _record(self, playing: Playing, *, success: bool | None, whole: bool) -> None:
+    def _record(
+        self,
+        playing: Playing,
+        *,
+        success: bool | None,
+        whole: bool,
+    ) -> None:
         """Write an episode into the dataset."""
         # A robot of a fleet that was assigned an episode has not begun it yet.
         if self._recorder is None or playing.about is None:

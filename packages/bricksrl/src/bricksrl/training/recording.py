@@ -27,7 +27,12 @@ class RunRecorder(Recorder):
         whole: whole episodes in it.
     """
 
-    def __init__(self, root: Path, description: Description, counted: int) -> None:
+    def __init__(
+        self,
+        root: Path,
+        description: Description,
+        counted: int,
+    ) -> None:
         super().__init__(root, description)
         whole = [row.about for row in self.rows if row.about.whole]
         self.whole = len(whole)
@@ -36,7 +41,11 @@ class RunRecorder(Recorder):
         uncounted = whole[counted:]
         self._uncounted = {about.seed for about in uncounted if about.hub in ("", "virtual")}
 
-    def write(self, steps: Sequence[Step], about: About) -> None:
+    def write(
+        self,
+        steps: Sequence[Step],
+        about: About,
+    ) -> None:
         """Write an episode, as `Recorder.write`, unless it was recorded before the run was
         killed."""
         if about.whole and about.seed in self._uncounted:

@@ -101,7 +101,11 @@ def identity_of(config: TrainConfig, env: EnvBase) -> dict[str, Any]:
     return {**identity, "layout": layout, "action_size": action_size(env)}
 
 
-def run_state(env: EnvBase, identity: dict[str, Any], episodes: list[Episode]) -> dict[str, Any]:
+def run_state(
+    env: EnvBase,
+    identity: dict[str, Any],
+    episodes: list[Episode],
+) -> dict[str, Any]:
     """State of a run in a checkpoint, without its agent.
 
     ``best`` is the mean return of the best evaluation, ``is_evaluation_due`` whether the last

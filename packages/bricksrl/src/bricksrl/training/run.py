@@ -64,7 +64,15 @@ def train(
         raise DescriptionError(f"config is of type {type(config).__name__}; give TrainConfig(...)")
     if config.run_dir is not None and config.run_dir.exists():
         raise RunError(f"{config.run_dir} exists already; resume that run or choose another folder")
-    return _run(config, None, callback, env, place, stop, driver)
+    return _run(
+        config,
+        None,
+        callback,
+        env,
+        place,
+        stop,
+        driver,
+    )
 
 
 def resume(
@@ -141,7 +149,14 @@ def _run(
         signals = stack.enter_context(StopSignals(stop or threading.Event()))
         # What a user's algorithm raises is told with the line of its file.
         with calling(config.agent, "fails", is_of_user=is_reference(config.agent)):
-            return _run_in(env, config, folder, callback, signals, driver)
+            return _run_in(
+                env,
+                config,
+                folder,
+                callback,
+                signals,
+                driver,
+            )
 
 
 def _check_copies(env: EnvBase) -> None:
@@ -202,10 +217,25 @@ def _run_in(
     callback.on_learner(learner)
     # The lock is left last: a learner in another process may write until it has ended.
     with ExitStack() as lock, ExitStack() as stack:
-        side = _learning(stack, config, env, learner, state, signals)
+        side = _learning(
+            stack,
+            config,
+            env,
+            learner,
+            state,
+            signals,
+        )
         # After all that draws while things are made.
         torch.set_rng_state(state["generator"])
-        loop = Loop(config, env, side, callback, signals, state, driver)
+        loop = Loop(
+            config,
+            env,
+            side,
+            callback,
+            signals,
+            state,
+            driver,
+        )
         # A robot that cannot be reached leaves no folder behind.
         if folder is None and not config.updates:
             loop.source.start()

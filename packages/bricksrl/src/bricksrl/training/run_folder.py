@@ -57,7 +57,11 @@ class RunFolder:
         self.evaluation_path = path / "evaluation.json"
 
     @classmethod
-    def create(cls, config: TrainConfig, state: dict[str, Any]) -> "RunFolder":
+    def create(
+        cls,
+        config: TrainConfig,
+        state: dict[str, Any],
+    ) -> "RunFolder":
         """Create a folder with config and first checkpoint, atomically. Raises RunError if it
         exists, or WriteError."""
         # It loads torch, which who only reads a folder does not need.
@@ -100,7 +104,10 @@ class RunFolder:
         code from another computer."""
         existing_run(self.path)
         with reading(
-            "the config", self.config_path, RunError, "restore the file or start a new run"
+            "the config",
+            self.config_path,
+            RunError,
+            "restore the file or start a new run",
         ):
             text = self.config_path.read_bytes()
             data = json.loads(text)
@@ -115,14 +122,25 @@ class RunFolder:
     def origin(self) -> Origin:
         """What the run was about. Raises the errors of `read_config`."""
         config = self.read_config()
-        return Origin(config.env, config.robot, config.agent, config.seed, bool(config.updates))
+        return Origin(
+            config.env,
+            config.robot,
+            config.agent,
+            config.seed,
+            bool(config.updates),
+        )
 
     def read_evaluation(self) -> dict[str, Any] | None:
         """The latest evaluation, as `EvaluationResult` wrote it; ``None`` if there is none, or it
         is damaged."""
         path = self.evaluation_path
         try:
-            with reading("the evaluation", path, RunError, "evaluate the run again"):
+            with reading(
+                "the evaluation",
+                path,
+                RunError,
+                "evaluate the run again",
+            ):
                 data = dict(json.loads(path.read_bytes()))
                 for name in ("return_mean", "return_std", "episodes", "trained_episodes"):
                     float(data[name])
@@ -155,7 +173,11 @@ class RunFolder:
         if not are_known:
             self.write_episodes([*self.read_episodes(), episode])
 
-    def draw_curve(self, config: TrainConfig, episodes: Sequence[Episode]) -> None:
+    def draw_curve(
+        self,
+        config: TrainConfig,
+        episodes: Sequence[Episode],
+    ) -> None:
         """Draw the learning curve."""
         # It loads Matplotlib, which only a run that ends needs.
         from bricksrl.training.curve import draw_learning_curve
@@ -164,13 +186,21 @@ class RunFolder:
         agent = without_folder(config.agent)
         title = f"{env} · {agent} · seed {config.seed}"
         lines = reference_lines(config.env, config.options)
-        draw_learning_curve(self.curve_path, episodes, title, lines)
+        draw_learning_curve(
+            self.curve_path,
+            episodes,
+            title,
+            lines,
+        )
 
     def read_episodes(self) -> tuple[Episode, ...]:
         """Read the metrics, without a last row that a crash has cut. Raises RunError if they are
         missing or invalid."""
         with reading(
-            "the metrics", self.metrics_path, RunError, "restore the file or start a new run"
+            "the metrics",
+            self.metrics_path,
+            RunError,
+            "restore the file or start a new run",
         ):
             text = self.metrics_path.read_text(encoding="utf-8")
             # What follows the last end of a line is a row that was cut.
@@ -201,10 +231,20 @@ def file_name(env_id: str) -> str:
     return re.sub(r"[^\w.-]+", "-", without_folder(env_id)).strip("-.")
 
 
-def _csv(columns: list[str], episodes: Iterable[Episode], *, header: bool = False) -> bytes:
+def _csv(
+    columns: list[str],
+    episodes: Iterable[Episode],
+    *,
+    header: bool = False,
+) -> bytes:
     text = io.StringIO()
     # A table that has a column less leaves that measure out; lines end alike on each system.
-    writer = csv.DictWriter(text, columns, extrasaction="ignore", lineterminator="\n")
+    writer = csv.DictWriter(
+        text,
+        columns,
+        extrasaction="ignore",
+        lineterminator="\n",
+    )
     if header:
         writer.writeheader()
     writer.writerows(map(_row, episodes))

@@ -147,18 +147,31 @@ class Source(ABC):
         return playing, state
 
     @abstractmethod
-    def play(self, playing: Playing, start: TensorDictBase) -> Iterator[Moved | Ended]:
+    def play(
+        self,
+        playing: Playing,
+        start: TensorDictBase,
+    ) -> Iterator[Moved | Ended]:
         """Play an episode from the output of its reset."""
 
 
 class OneRobot(Source):
     """A robot of this process."""
 
-    def play(self, playing: Playing, start: TensorDictBase) -> Iterator[Moved | Ended]:
+    def play(
+        self,
+        playing: Playing,
+        start: TensorDictBase,
+    ) -> Iterator[Moved | Ended]:
         self.playing[0] = playing
         phase = playing.phase
         if self.is_recorded:
-            playing.about = about(self.env, playing.policy, seed=playing.seed, hub=self.hub)
+            playing.about = about(
+                self.env,
+                playing.policy,
+                seed=playing.seed,
+                hub=self.hub,
+            )
         rollout = Rollout()
         actor = self.learner.actor
         policies = {
@@ -190,7 +203,13 @@ class OneRobot(Source):
             is_cut = interface_of(self.env).is_cut
             own_frame = own_frames[-1] if own_frames else frame
             is_last = bool(frame["next", "done"])
-            yield Moved(playing, frame, own_frame, rollout.is_lost, is_last)
+            yield Moved(
+                playing,
+                frame,
+                own_frame,
+                rollout.is_lost,
+                is_last,
+            )
 
         # A measurement has to be complete. It is not repeated, as its updates are made once.
         if rollout.is_lost and phase is Phase.OFFLINE:
@@ -221,7 +240,11 @@ class Copies(Source):
     """Copies of a simulation or of a virtual robot. An episode is a round: as many steps of all as
     one has at most."""
 
-    def play(self, playing: Playing, start: TensorDictBase) -> Iterator[Moved | Ended]:
+    def play(
+        self,
+        playing: Playing,
+        start: TensorDictBase,
+    ) -> Iterator[Moved | Ended]:
         # Sums over all copies, on their device: to read one at each batch would wait for it.
         device = self.env.device
         episodes_ended = torch.zeros((), device=device)
@@ -231,7 +254,12 @@ class Copies(Source):
         actor = self.learner.actor
         is_random = playing.phase is Phase.PREFILL
         policy = RandomPolicy(self.env.action_spec) if is_random else actor.acting
-        batches = collect_round(self.env, policy, longest_of(self.env), actor.frames_per_batch)
+        batches = collect_round(
+            self.env,
+            policy,
+            longest_of(self.env),
+            actor.frames_per_batch,
+        )
         for frames in batches:  # [copies, time]
             playing.length += frames.shape[-1]
             yield Moved(playing, frames, frames)
@@ -259,7 +287,10 @@ class Copies(Source):
 
 
 def collect_round(
-    env: EnvBase, policy: Any, steps: int, steps_per_batch: int
+    env: EnvBase,
+    policy: Any,
+    steps: int,
+    steps_per_batch: int,
 ) -> Iterator[TensorDictBase]:
     """Frames ``[copies, steps_per_batch]``, at least ``steps`` per copy from a reset on; ended
     copies restart. ``policy``: a TensorDict module on the environment's device; it explores."""

@@ -33,7 +33,11 @@ def remember(data: bytes) -> None:
         _keep(data)
 
 
-def require_trusted(path: Path, data: bytes, code: Sequence[str]) -> None:
+def require_trusted(
+    path: Path,
+    data: bytes,
+    code: Sequence[str],
+) -> None:
     """Require that a file names no code, was written here, or was declared trusted. Raises
     UntrustedError if it names code, and was made elsewhere or changed.
 
@@ -69,7 +73,12 @@ def trust(path: Path) -> tuple[str, ...]:
     file = _file_of(path)
     if file is None:
         raise RunError(f"there is no run in {path}; choose {folder_with(path, *_CONFIGS)}")
-    with reading("the config", file, RunError, "restore the file"):
+    with reading(
+        "the config",
+        file,
+        RunError,
+        "restore the file",
+    ):
         data = file.read_bytes()
         content = dict(json.loads(data))
         if file.name in _CONFIGS:

@@ -105,14 +105,24 @@ class RecordMotion:
 
         transport, physics = _hub(self.hub, self.physics)
         if transport is None:
-            body = make_body(robot, scene=scene, physics=physics, seed=self.seed)
+            body = make_body(
+                robot,
+                scene=scene,
+                physics=physics,
+                seed=self.seed,
+            )
             return HubLink(VirtualHub(body), robot, interface)
         question = f"The {robot.name} needs a metre of room to move at full speed. Move it now?"
         if not (self.yes or confirm(question)):
             raise TwinError(
                 f"nobody said that the {robot.name} may move; answer y in a terminal, or give --yes"
             )
-        return HubLink(transport, robot, interface, calibrate=calibration_of(transport))
+        return HubLink(
+            transport,
+            robot,
+            interface,
+            calibrate=calibration_of(transport),
+        )
 
 
 def _hub(name: str, physics: Path | None) -> tuple[Transport | None, Physics | None]:

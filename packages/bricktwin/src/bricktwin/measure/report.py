@@ -54,7 +54,11 @@ def lines(comparison: Comparison) -> Iterator[tuple[str, str, str, str, str]]:
         )
 
 
-def write_report(path: Path, log: SessionLog, comparison: Comparison) -> None:
+def write_report(
+    path: Path,
+    log: SessionLog,
+    comparison: Comparison,
+) -> None:
     """Write the page. Raises WriteError if that is impossible."""
     facts = [f"{name} {value}" for name, value in log.about.items()]
     about = ", ".join(facts)
@@ -93,8 +97,17 @@ def _plots(log: SessionLog, comparison: Comparison) -> str:
     _draw_ranges(left, comparison)
     delays_ms = [row.delay_ms for row in log.rows]
     # Few exchanges are late: only a logarithm shows them.
-    right.hist(delays_ms, bins=60, color=_ROBOT, log=True)
-    right.set(title="time of an exchange", xlabel="ms", ylabel="exchanges")
+    right.hist(
+        delays_ms,
+        bins=60,
+        color=_ROBOT,
+        log=True,
+    )
+    right.set(
+        title="time of an exchange",
+        xlabel="ms",
+        ylabel="exchanges",
+    )
     buffer = io.StringIO()
     figure.savefig(buffer, format="svg")
     # Within a page, SVG has no header of an XML file.
@@ -126,8 +139,19 @@ def _draw_ranges(axes: Axes, comparison: Comparison) -> None:
             alpha=0.3,
             solid_capstyle="butt",
         )
-        axes.plot([nominal_share], [place], "|", color=_TWIN, markersize=14)
-        axes.plot([robot_share], [place], "o", color=_ROBOT)
+        axes.plot(
+            [nominal_share],
+            [place],
+            "|",
+            color=_TWIN,
+            markersize=14,
+        )
+        axes.plot(
+            [robot_share],
+            [place],
+            "o",
+            color=_ROBOT,
+        )
         axes.text(
             0.0,
             place + 0.2,

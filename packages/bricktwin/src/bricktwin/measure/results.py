@@ -60,25 +60,50 @@ def quantities(robot: Robot) -> tuple[Quantity, ...]:
     motors = []
     for number, motor in enumerate(robot.motors, 1):
         motors += [
-            Quantity(f"speed of {motor.name}, free", "deg/s", f"motor_{number}_scale", None),
+            Quantity(
+                f"speed of {motor.name}, free",
+                "deg/s",
+                f"motor_{number}_scale",
+                None,
+            ),
             Quantity(f"battery with {motor.name} held", "V"),
         ]
     return (
-        Quantity("link, median", "ms", "link_interval_ms", 2.0),
+        Quantity(
+            "link, median",
+            "ms",
+            "link_interval_ms",
+            2.0,
+        ),
         Quantity("link, 95 of 100 within", "ms"),
         Quantity("link, 999 of 1000 within", "ms"),
         Quantity(f"link, over {LATE_MS:g} ms", "%"),
         Quantity("gyroscope, scale error", "%", "gyro_scale_error_pct"),
         Quantity("gyroscope, drift", "deg/min", "gyro_drift_deg_min"),
         Quantity("gyroscope, noise", "deg/s", "gyro_noise_deg_s"),
-        Quantity("pitch at rest", "deg", "acceleration_bias_x_mm_s2", -tilt_deg),
-        Quantity("roll at rest", "deg", "acceleration_bias_y_mm_s2", tilt_deg),
+        Quantity(
+            "pitch at rest",
+            "deg",
+            "acceleration_bias_x_mm_s2",
+            -tilt_deg,
+        ),
+        Quantity(
+            "roll at rest",
+            "deg",
+            "acceleration_bias_y_mm_s2",
+            tilt_deg,
+        ),
         Quantity("tilt, noise", "deg", "tilt_noise_deg"),
         Quantity("battery at rest", "V", "battery_v"),
         *motors,
         Quantity(f"wall at {WALL_MM:g} mm", "mm", "distance_bias_mm"),
         Quantity("distance, noise", "mm", "distance_noise_mm"),
-        Quantity("distance, failed readings", "%", "distance_dropout_share", 100.0),
+        Quantity(
+            "distance, failed readings",
+            "%",
+            "distance_dropout_share",
+            100.0,
+        ),
         Quantity("wall aslant", "mm"),
         Quantity("wall aslant, failed readings", "%"),
     )
@@ -239,7 +264,11 @@ class Comparison:
     twin: Mapping[str, float]
     base: Physics
 
-    def at(self, quantity: Quantity, value: float) -> float:
+    def at(
+        self,
+        quantity: Quantity,
+        value: float,
+    ) -> float:
         """The number of a twin whose parameter has this value."""
         base: float = getattr(self.base, quantity.parameter)
         change = self._factor(quantity) * (value - base)
@@ -296,7 +325,12 @@ def compare(log: SessionLog, robot: Robot) -> Comparison:
         if "noise" in quantity.parameter and quantity.name in numbers:
             noise_free[quantity.parameter] = 0.0
     base = Physics(**noise_free, battery_v=float(np.clip(battery_v, low_v, high_v)))
-    return Comparison(known, numbers, _measured_twin(robot, base), base)
+    return Comparison(
+        known,
+        numbers,
+        _measured_twin(robot, base),
+        base,
+    )
 
 
 def _measured_twin(robot: Robot, physics: Physics) -> dict[str, float]:
@@ -308,8 +342,19 @@ def _measured_twin(robot: Robot, physics: Physics) -> dict[str, float]:
     return measured(measure(hub, robot, person, {}))
 
 
-def virtual(robot: Robot, physics: Physics, seed: int = 0) -> VirtualHub:
+def virtual(
+    robot: Robot,
+    physics: Physics,
+    seed: int = 0,
+) -> VirtualHub:
     """A virtual robot, before a wall if it can see one."""
     sees = any(sensor.kind.model.range_mm is not None for sensor in robot.sensors)
     scene = Scene(wall_distance_mm=(WALL_MM, WALL_MM)) if sees else OPEN_FLOOR
-    return VirtualHub(make_body(robot, scene=scene, physics=physics, seed=seed))
+    return VirtualHub(
+        make_body(
+            robot,
+            scene=scene,
+            physics=physics,
+            seed=seed,
+        )
+    )

@@ -140,7 +140,11 @@ class _Session:
         self._person = person
         self.rows: list[Row] = []
 
-    def link(self, channels: Sequence[Channel], motors: Sequence[str] = ()) -> HubLink:
+    def link(
+        self,
+        channels: Sequence[Channel],
+        motors: Sequence[str] = (),
+    ) -> HubLink:
         """A link to a program with these channels, and the duties of these motors as commands."""
         self._channels = [channel.name for channel in channels]
         self._motors = motors
@@ -173,7 +177,11 @@ class _Session:
         if motor:
             self._link.act([0.0] * len(self._motors))
 
-    def _add(self, phase: str, command: Sequence[float] | None = None) -> None:
+    def _add(
+        self,
+        phase: str,
+        command: Sequence[float] | None = None,
+    ) -> None:
         """Read the robot once, or after a command."""
         if command is None:
             answer = self._link.read()
@@ -230,10 +238,25 @@ def measure(
             session.ask(LIFT)
             session.watch("lifted", _LIFTED_S)
             for name in motors:
-                session.watch(f"free {name}", _FREE_S, name, 100.0)
-                session.watch(f"back {name}", _FREE_S, name, -100.0)
+                session.watch(
+                    f"free {name}",
+                    _FREE_S,
+                    name,
+                    100.0,
+                )
+                session.watch(
+                    f"back {name}",
+                    _FREE_S,
+                    name,
+                    -100.0,
+                )
                 session.ask(held(name))
-                session.watch(f"held {name}", _HELD_S, name, 100.0)
+                session.watch(
+                    f"held {name}",
+                    _HELD_S,
+                    name,
+                    100.0,
+                )
                 session.ask(LET_GO)
     if not session.rows:
         raise TwinError(

@@ -120,8 +120,11 @@ def _wholes() -> dict[str, list[tuple[Assembly, Piece]]]:
 def composed(references: list[Reference]) -> list[Reference]:
     """The lines of a model, with one line for the pieces of each part that they compose, and with
     the pieces of shortcuts."""
-    expanded = [piece for reference in references for piece in _expanded(reference)]
+    expanded: list[Reference] = []
+    for reference in references:
+        expanded += _expanded(reference)
     numbers = [_number(reference) for reference in expanded]
+    # Most models have none, and need no search.
     if not any(number in _wholes() for number in numbers):
         return expanded
     merged: set[int] = set()
@@ -131,7 +134,15 @@ def composed(references: list[Reference]) -> list[Reference]:
         found: list[tuple[Reference, list[int]]] = []
         for assembly, first in _wholes().get(number, ()):
             whole = _whole(expanded[index], assembly, first)
-            included = list(_included(whole, assembly, expanded, numbers, merged | {index}))
+            included = list(
+                _included(
+                    whole,
+                    assembly,
+                    expanded,
+                    numbers,
+                    merged | {index},
+                )
+            )
             if included or first is assembly.pieces[0]:
                 found.append((whole, included))
         if not found:
@@ -167,7 +178,15 @@ def completed(
         best = reference
         best_pieces: list[int] = []
         for whole, assembly in _kinds_of(reference):
-            pieces = list(_included(whole, assembly, others, numbers, set(taken)))
+            pieces = list(
+                _included(
+                    whole,
+                    assembly,
+                    others,
+                    numbers,
+                    set(taken),
+                )
+            )
             # The kind that it is already comes first, and stays unless another one has more.
             if len(pieces) > len(best_pieces):
                 best = whole
@@ -192,6 +211,7 @@ def _kinds_of(reference: Reference) -> Iterator[tuple[Reference, Assembly]]:
 
 
 def _number(reference: Reference) -> str:
+    """Number of what a line places, in the catalogue if it is there under another one."""
     number = reference.name.lower().removesuffix(".dat")
     part = catalogue.find(number)
     return number if part is None else part.number
@@ -206,11 +226,22 @@ def _expanded(reference: Reference) -> Iterator[Reference]:
     for number, piece in enumerate(shortcut.pieces):
         offset = reference.matrix @ piece.place + reference.offset
         colour = reference.colour if piece.colour == _OWN_COLOUR else piece.colour
+        # What our comments say, they say of one part: the first piece.
         marks = reference.marks if number == 0 else Marks().marks
-        yield replace(reference, name=f"{piece.number}.dat", offset=offset, colour=colour, **marks)
+        yield replace(
+            reference,
+            name=f"{piece.number}.dat",
+            offset=offset,
+            colour=colour,
+            **marks,
+        )
 
 
-def _whole(reference: Reference, assembly: Assembly, first: Piece) -> Reference:
+def _whole(
+    reference: Reference,
+    assembly: Assembly,
+    first: Piece,
+) -> Reference:
     """The whole that a first piece belongs to."""
     offset = reference.offset - reference.matrix @ first.place
     # The number of the first piece may be that of the whole as well.
@@ -242,7 +273,12 @@ def _with_marks(whole: Reference, pieces: Sequence[Reference]) -> Reference:
     """A part with what our comments say of it, or of one of its pieces."""
     for piece in pieces:
         if whole.port is None and piece.port is not None:
-            whole = replace(whole, port=piece.port, device=piece.device, angle_deg=piece.angle_deg)
+            whole = replace(
+                whole,
+                port=piece.port,
+                device=piece.device,
+                angle_deg=piece.angle_deg,
+            )
         if whole.stops_deg is None:
             whole = replace(whole, stops_deg=piece.stops_deg)
     return whole

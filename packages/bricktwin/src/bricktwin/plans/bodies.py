@@ -51,7 +51,11 @@ class BodyJoint:
     motor: int | None
     is_ball: bool = False
 
-    def rates(self, motions: Floats, parent: int | None = None) -> Floats:
+    def rates(
+        self,
+        motions: Floats,
+        parent: int | None = None,
+    ) -> Floats:
         """Angular rate of the second body relative to the first in each motion [n], or reversed:
         relative to the body ``parent``. A motor's case that turns about its shaft is the shaft
         turning about the reversed axis."""
@@ -90,7 +94,11 @@ class Bodies:
         for joint in self.joints:
             can_turn = joint.motor not in braked
             block = _joint_rows(
-                joint.point, joint.axis, slides=joint.slides, turns=can_turn, is_ball=joint.is_ball
+                joint.point,
+                joint.axis,
+                slides=joint.slides,
+                turns=can_turn,
+                is_ball=joint.is_ball,
             )
             rows.append(_rows(count, (joint.bodies[0], block), (joint.bodies[1], -block)))
         # Else such a spin would count as a motion of the mechanism.
@@ -129,7 +137,12 @@ def _null_space(rows: Floats) -> Floats:
 
 
 def _joint_rows(
-    point: Floats, axis: Floats, *, slides: bool, turns: bool = True, is_ball: bool = False
+    point: Floats,
+    axis: Floats,
+    *,
+    slides: bool,
+    turns: bool = True,
+    is_ball: bool = False,
 ) -> Floats:
     """Constraints [3..6, 6] on the difference of two bodies' rates."""
     helper = np.eye(3)[int(np.argmin(np.abs(axis)))]
@@ -163,7 +176,11 @@ _Groups = NDArray[np.intp]
 """Disjoint sets of nodes: the representative of each."""
 
 
-def _join(groups: _Groups, first: int, second: int) -> None:
+def _join(
+    groups: _Groups,
+    first: int,
+    second: int,
+) -> None:
     """Merge the sets of two nodes."""
     groups[groups == groups[first]] = groups[second]
 
@@ -177,7 +194,9 @@ class _Link(NamedTuple):
 
 
 def find_bodies(
-    parts: Sequence[Placed], connections: Sequence[Connection], meshes: Sequence[Mesh]
+    parts: Sequence[Placed],
+    connections: Sequence[Connection],
+    meshes: Sequence[Mesh],
 ) -> Bodies:
     """The bodies of the parts, the heaviest first; bodies that are not connected to it are left
     out.
@@ -211,7 +230,10 @@ def find_bodies(
 
 
 def _bodies(
-    parts: Sequence[Placed], links: Sequence[_Link], meshes: Sequence[Mesh], groups: _Groups
+    parts: Sequence[Placed],
+    links: Sequence[_Link],
+    meshes: Sequence[Mesh],
+    groups: _Groups,
 ) -> tuple[Bodies, list[int]]:
     """The current bodies and the representative of each."""
     count = len(parts)
@@ -227,7 +249,15 @@ def _bodies(
         shaft = next(site for site in placed.part.sites if site.turns and site.fit is Fit.AXLE_HOLE)
         pair = (number_of[groups[motor]], number_of[groups[motor + count]])
         axis = placed.rotation @ np.array(placed.electric.direction)
-        joints.append(BodyJoint(pair, placed.point(shaft.centre), axis, False, motor))
+        joints.append(
+            BodyJoint(
+                pair,
+                placed.point(shaft.centre),
+                axis,
+                False,
+                motor,
+            )
+        )
     sliding = _sliding(parts, links, groups)
     for (first, second), bundles in _bundles(links, groups).items():
         if first not in number_of or second not in number_of:
@@ -239,18 +269,36 @@ def _bodies(
             connection = bundle[0].connection
             point, axis = _line_of(bundle)
             slides = connection.is_axle and can_slide
-            joints.append(BodyJoint(pair, point, axis, slides, None, connection.is_ball))
+            joints.append(
+                BodyJoint(
+                    pair,
+                    point,
+                    axis,
+                    slides,
+                    None,
+                    connection.is_ball,
+                )
+            )
+    # Teeth that nearly mesh turn nothing; the check of plans names them.
     geared_bodies = []
     for mesh in meshes:
         first = groups[mesh.first]
         second = groups[mesh.second]
         if mesh.is_good and first in number_of and second in number_of:
             geared_bodies.append((number_of[first], number_of[second], mesh))
-    members = tuple(tuple(part for part in range(count) if groups[part] == root) for root in roots)
-    rotors = tuple(
-        tuple(motor for motor in motors if groups[motor + count] == root) for root in roots
+    members: list[tuple[int, ...]] = []
+    rotors: list[tuple[int, ...]] = []
+    for root in roots:
+        members.append(tuple(part for part in range(count) if groups[part] == root))
+        # A rotor is a node behind all parts (`_Link`).
+        rotors.append(tuple(motor for motor in motors if groups[motor + count] == root))
+    bodies = Bodies(
+        tuple(members),
+        tuple(rotors),
+        tuple(joints),
+        tuple(geared_bodies),
     )
-    return Bodies(members, rotors, tuple(joints), tuple(geared_bodies)), roots
+    return bodies, roots
 
 
 def _bundles(links: Sequence[_Link], groups: _Groups) -> dict[tuple[int, int], list[list[_Link]]]:
@@ -290,11 +338,20 @@ def _is_coaxial(first: Connection, second: Connection) -> bool:
     # A ball joint has a point, but no axis.
     is_ball = first.is_ball or second.is_ball
     return not is_ball and lines_coincide(
-        first.point, first.axis, second.point, second.axis, offset=_AXIS_TOLERANCE, sine=0.05
+        first.point,
+        first.axis,
+        second.point,
+        second.axis,
+        offset=_AXIS_TOLERANCE,
+        sine=0.05,
     )
 
 
-def _join_fasteners(parts: Sequence[Placed], links: Sequence[_Link], groups: _Groups) -> None:
+def _join_fasteners(
+    parts: Sequence[Placed],
+    links: Sequence[_Link],
+    groups: _Groups,
+) -> None:
     """Join each pin, and each axle or bush with a pin to which nothing is fixed, to a part around
     it: it may spin."""
     fixed: set[int] = set()
@@ -313,12 +370,11 @@ def _join_fasteners(parts: Sequence[Placed], links: Sequence[_Link], groups: _Gr
 
 def _join_loose(parts: Sequence[Placed], groups: _Groups) -> None:
     """Join parts with unmodelled connections to the nearest part, such as a tyre to its rim."""
+    held_parts = [placed for placed in parts if not placed.part.is_loose]
     for placed in parts:
         if not placed.part.is_loose:
             continue
-        others = [
-            other for other in parts if other.index != placed.index and not other.part.is_loose
-        ]
+        others = held_parts
         if placed.part.family == "tyres":
             others = [other for other in others if other.part.family == "wheels"]
         # A chain's links keep their place, while its gears turn.
@@ -344,7 +400,12 @@ def _merge_rigid(links: Sequence[_Link], groups: _Groups) -> bool:
         # Near to the origin the numbers are small, and the rank is certain.
         origin = connections[0].point
         blocks = [
-            _joint_rows(link.point - origin, link.axis, slides=link.is_axle, is_ball=link.is_ball)
+            _joint_rows(
+                link.point - origin,
+                link.axis,
+                slides=link.is_axle,
+                is_ball=link.is_ball,
+            )
             for link in connections
         ]
         if not _null_space(np.concatenate(blocks)).size:
@@ -353,9 +414,13 @@ def _merge_rigid(links: Sequence[_Link], groups: _Groups) -> bool:
     return merged
 
 
-def _merge_equal_motions(bodies: Bodies, roots: Sequence[int], groups: _Groups) -> bool:
+def _merge_equal_motions(
+    bodies: Bodies,
+    roots: Sequence[int],
+    groups: _Groups,
+) -> bool:
     """Join bodies with equal rates in all motions. Returns whether there were any."""
-    motions = bodies.motions()
+    motions = bodies.motions()  # [6 x bodies, n]
     merged = False
     for number, root in enumerate(roots):
         rates = motions[6 * number : 6 * number + 6]
@@ -371,7 +436,10 @@ def _merge_equal_motions(bodies: Bodies, roots: Sequence[int], groups: _Groups) 
 
 
 def _ordered(
-    parts: Sequence[Placed], motors: Sequence[int], links: Sequence[_Link], groups: _Groups
+    parts: Sequence[Placed],
+    motors: Sequence[int],
+    links: Sequence[_Link],
+    groups: _Groups,
 ) -> list[int]:
     """Representatives of the bodies connected to the heaviest one, which comes first."""
     count = len(parts)
@@ -390,7 +458,9 @@ def _ordered(
 
 
 def _sliding(
-    parts: Sequence[Placed], links: Sequence[_Link], groups: _Groups
+    parts: Sequence[Placed],
+    links: Sequence[_Link],
+    groups: _Groups,
 ) -> set[frozenset[int]]:
     """Pairs of bodies that slide along a common axle: no part fixed to the axle stops them in both
     directions."""
@@ -420,7 +490,11 @@ def _sliding(
     return {pair for pair, ends in stops.items() if not all(ends)}
 
 
-def _span(placed: Placed, site: Site, link: Connection) -> tuple[float, float]:
+def _span(
+    placed: Placed,
+    site: Site,
+    link: Connection,
+) -> tuple[float, float]:
     """Ends of a hole along an axle, from the middle of the connection."""
     middle = float((placed.point(site.centre) - link.point) @ link.axis)
     return middle - site.length / 2, middle + site.length / 2

@@ -24,7 +24,9 @@ _MIN_POINTS = 2
 """Minimum number of points inside."""
 # Limits of the collision search: a file may be a heap of parts in one place.
 _MAX_PAIRS = 200
+"""Colliding pairs that are found."""
 _MAX_COMPARED = 50_000
+"""Pairs that are compared."""
 # Limits of the search for paths.
 _MAX_QUERIES = 6000
 """Collision queries per plan."""
@@ -43,7 +45,11 @@ class Occupancy:
             searched.
     """
 
-    def __init__(self, parts: Sequence[Placed], most_queries: int = _MAX_QUERIES) -> None:
+    def __init__(
+        self,
+        parts: Sequence[Placed],
+        most_queries: int = _MAX_QUERIES,
+    ) -> None:
         self._parts = parts
         self.queries = 0
         self.most_queries = most_queries
@@ -52,8 +58,13 @@ class Occupancy:
 
     def collisions(self) -> list[tuple[int, int]]:
         """Pairs of colliding parts, the lower index first; at most 200."""
-        colliding = (pair for pair in islice(self._near_pairs(), _MAX_COMPARED) if self._hit(*pair))
-        return list(islice(colliding, _MAX_PAIRS))
+        colliding: list[tuple[int, int]] = []
+        for index, other in islice(self._near_pairs(), _MAX_COMPARED):
+            if self._hit(index, other):
+                colliding.append((index, other))
+                if len(colliding) == _MAX_PAIRS:
+                    break
+        return colliding
 
     def _near_pairs(self) -> Iterator[tuple[int, int]]:
         """Pairs of parts whose bounds overlap, the lower index first."""
@@ -62,11 +73,20 @@ class Occupancy:
             for other in np.flatnonzero(self._near(index, np.zeros(3))[after:]):
                 yield index, after + int(other)
 
-    def _hit(self, index: int, other: int) -> bool:
+    def _hit(
+        self,
+        index: int,
+        other: int,
+    ) -> bool:
         """Whether two parts collide where they are."""
         return self._collide(index, other, np.zeros(3))
 
-    def is_free(self, group: Iterable[int], others: Bools, shift: Floats) -> bool:
+    def is_free(
+        self,
+        group: Iterable[int],
+        others: Bools,
+        shift: Floats,
+    ) -> bool:
         """Whether a group of parts, moved by ``shift``, collides with none of the parts in
         ``others`` [n]."""
         self.queries += 1
@@ -76,13 +96,24 @@ class Occupancy:
                 return False
         return True
 
-    def _near(self, index: int, shift: Floats) -> Bools:
+    def _near(
+        self,
+        index: int,
+        shift: Floats,
+    ) -> Bools:
         """Parts with bounds that overlap those of a moved part [n]."""
         low = self.low[index] + shift + _SKIN
         high = self.high[index] + shift - _SKIN
-        return np.asarray(((low < self.high) & (self.low < high)).all(axis=1))
+        # Boxes overlap where they overlap along each of the three axes.
+        overlaps = (low < self.high) & (self.low < high)  # [n, 3]
+        return np.asarray(overlaps.all(axis=1))
 
-    def _collide(self, index: int, other: int, shift: Floats) -> bool:
+    def _collide(
+        self,
+        index: int,
+        other: int,
+        shift: Floats,
+    ) -> bool:
         families = {self._parts[index].part.family, self._parts[other].part.family}
         # Links are flexible, and lie between teeth.
         if "chains" in families:
@@ -92,17 +123,25 @@ class Occupancy:
             return False
         return self._inside(index, other, shift) or self._inside(other, index, -shift)
 
-    def _inside(self, index: int, other: int, shift: Floats) -> bool:
+    def _inside(
+        self,
+        index: int,
+        other: int,
+        shift: Floats,
+    ) -> bool:
         """Whether points of a part, moved, lie in another."""
-        points = self._parts[index].samples + shift
-        near = ((points > self.low[other]) & (points < self.high[other])).all(axis=1)
+        points = self._parts[index].samples + shift  # [n, 3]
+        # Most points are not even in the other part's box, which is a cheap test.
+        is_in_box = (points > self.low[other]) & (points < self.high[other])
+        near = is_in_box.all(axis=1)
         if np.count_nonzero(near) < _MIN_POINTS:
             return False
         target = self._parts[other]
         inner = target.to_part(points[near])
         holes = open_holes(self._parts[index], shift, target)
         # In large overlaps a few points are enough.
-        for sample in (inner[::23], inner):
+        few = inner[::23]
+        for sample in (few, inner):
             blocked = target.part.blocks(sample, _MARGIN, holes)
             if np.count_nonzero(blocked) >= _MIN_POINTS:
                 return True
@@ -213,7 +252,10 @@ def _main_part(plan: Plan, parts: Sequence[int]) -> int:
 
 
 def moves_of(
-    step: Step, after: set[int], occupancy: Occupancy, links: _Links
+    step: Step,
+    after: set[int],
+    occupancy: Occupancy,
+    links: _Links,
 ) -> tuple[list[Move], tuple[int, ...]]:
     """The moves of a step in building order, and its parts without a free straight path, which come
     first.
@@ -224,7 +266,7 @@ def moves_of(
     items = [(part,) for part in step.new] + list(step.joined)
     present = np.zeros(len(occupancy.low), dtype=bool)
     present[list(after)] = True
-    is_first = sum(map(len, items)) == len(after)
+    is_first = sum(len(item) for item in items) == len(after)
     # In the first step, the first item lies on the table: the others are put on it.
     on_table = items[:1] if is_first else []
     remaining = list(items[1:] if is_first else items)
@@ -234,7 +276,12 @@ def moves_of(
             parts = [part for item in group for part in item]
             others = present.copy()
             others[parts] = False
-            outward = _free_direction(parts, others, occupancy, links)
+            outward = _free_direction(
+                parts,
+                others,
+                occupancy,
+                links,
+            )
             if outward is not None:
                 removed.append(Move(tuple(group), outward))
                 present = others
@@ -250,11 +297,16 @@ def moves_of(
 
 
 def _free_direction(
-    parts: Sequence[int], others: Bools, occupancy: Occupancy, links: _Links
+    parts: Sequence[int],
+    others: Bools,
+    occupancy: Occupancy,
+    links: _Links,
 ) -> Floats | None:
     """The first direction [3] in which parts can be removed from others."""
     for direction in _directions(parts, links):
-        if all(occupancy.is_free(parts, others, direction * distance) for distance in _PATH_LDU):
+        # From near to far, up to the first distance at which something is in the way.
+        shifts = (direction * distance for distance in _PATH_LDU)
+        if all(occupancy.is_free(parts, others, shift) for shift in shifts):
             return direction
     return None
 

@@ -60,7 +60,13 @@ def check(plan: Plan) -> list[Finding]:
         mistakes += _check_gears(plan, structure)
         mistakes += _check_motions(plan, structure, guesses)
         colliding = {placed.index for pair in collisions for placed in pair}
-        mistakes += _check_steps(plan, structure, occupancy, colliding, guesses)
+        mistakes += _check_steps(
+            plan,
+            structure,
+            occupancy,
+            colliding,
+            guesses,
+        )
         mistakes += _check_wiring(plan)
     mistakes += _check_count(plan)
     return [Finding(name, Outcome.ERROR, text, line) for line, name, text in sorted(mistakes)]
@@ -112,7 +118,9 @@ def _check_count(plan: Plan) -> Iterator[_Mistake]:
 
 
 def _check_connections(
-    plan: Plan, structure: Structure, guesses: Sequence[frozenset[int]]
+    plan: Plan,
+    structure: Structure,
+    guesses: Sequence[frozenset[int]],
 ) -> Iterator[_Mistake]:
     """Pins in axle holes, misaligned axles, connections that are not deep enough, unconnected
     parts."""
@@ -181,7 +189,9 @@ def _check_gears(plan: Plan, structure: Structure) -> Iterator[_Mistake]:
 
 
 def _check_motions(
-    plan: Plan, structure: Structure, guesses: Sequence[frozenset[int]]
+    plan: Plan,
+    structure: Structure,
+    guesses: Sequence[frozenset[int]],
 ) -> Iterator[_Mistake]:
     """Parts that move although all motors are braked, and motors that cannot turn."""
     bodies = structure.bodies
@@ -214,7 +224,11 @@ def _check_motions(
     yield from _check_motors(plan, bodies, motors)
 
 
-def _remove_spin(plan: Plan, members: tuple[int, ...], rates: Floats) -> Floats:
+def _remove_spin(
+    plan: Plan,
+    members: tuple[int, ...],
+    rates: Floats,
+) -> Floats:
     """Rates [6, n] of a body; an axle with bushes may spin, and so may a pin, so their spin is
     removed."""
     placed = [plan.parts[part] for part in members]
@@ -232,7 +246,11 @@ def _remove_spin(plan: Plan, members: tuple[int, ...], rates: Floats) -> Floats:
     return np.concatenate([linear, across])
 
 
-def _check_motors(plan: Plan, bodies: Bodies, motors: list[int]) -> Iterator[_Mistake]:
+def _check_motors(
+    plan: Plan,
+    bodies: Bodies,
+    motors: list[int],
+) -> Iterator[_Mistake]:
     if not motors:
         return
     motions = bodies.motions()
@@ -278,7 +296,12 @@ def _check_steps(
     colliding: set[int],
     guesses: Sequence[frozenset[int]],
 ) -> Iterator[_Mistake]:
-    for fault in step_faults(plan, structure.connections, occupancy, guesses):
+    for fault in step_faults(
+        plan,
+        structure.connections,
+        occupancy,
+        guesses,
+    ):
         placed = [
             plan.parts[part]
             for part in fault.parts
@@ -329,7 +352,11 @@ def _check_wiring(plan: Plan) -> Iterator[_Mistake]:
             yield from _cable(hubs[0], positions[placed.port], placed)
 
 
-def _cable(hub: Placed, position: tuple[float, float, float], placed: Placed) -> Iterator[_Mistake]:
+def _cable(
+    hub: Placed,
+    position: tuple[float, float, float],
+    placed: Placed,
+) -> Iterator[_Mistake]:
     length_mm = placed.electric.cable_mm
     way = hub.point(position) - placed.point(placed.electric.plug)
     # Straight through everything, so that only what surely is too far is named.

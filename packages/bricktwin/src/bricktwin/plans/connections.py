@@ -23,7 +23,9 @@ _MAX_TILT = 0.03
 """Sine of the largest angle between the two."""
 # The same where a pin only has room: real parts give way.
 _MAX_LOOSE_OFFSET = 2.5
+"""LDU."""
 _MAX_LOOSE_TILT = 0.1
+"""Sine."""
 _MIN_DEPTH = 3.5
 """Minimum depth of a connection, LDU; a stud is 4 high."""
 _MIN_SEATED_SHARE = 0.7
@@ -39,6 +41,7 @@ _MAX_COMPARED = 20_000
 _CROSS_DEG = 6.0
 """Largest angle between an axle's cross and that of its hole."""
 _WORM_PITCH_RADIUS = 10.0
+"""LDU."""
 _TOOTH = 7.854
 """Length of a tooth, pi mm: lead of a worm, pitch of a rack."""
 _LINK = 16.0
@@ -51,6 +54,7 @@ _JOINTS = (Fit.TURNTABLE, Fit.BALL, Fit.SOCKET, Fit.RIM, Fit.TYRE)
 """Sites that belong together where their middles are in one place, not where one is in another."""
 _SEAT_PLAY = 4.0
 """Tolerance of a tyre, LDU: of its place and of its diameter."""
+# What has no freedom at all: the fit of what goes in, and of what it goes into.
 _RIGID = ((Fit.AXLE, Fit.AXLE_HOLE), (Fit.STUD, Fit.STUD_HOLE), (Fit.RIM, Fit.TYRE))
 _Placed = tuple[int, Site, Floats, Floats]
 """A site: index of its part, centre, direction."""
@@ -157,7 +161,8 @@ def reached(starts: Iterable[int], graph: Mapping[int, Iterable[int]]) -> set[in
     found = set(starts)
     waiting = list(found)
     while waiting:
-        unseen = set(graph[waiting.pop()]) - found
+        node = waiting.pop()
+        unseen = set(graph[node]) - found
         found |= unseen
         waiting += unseen
     return found
@@ -165,6 +170,12 @@ def reached(starts: Iterable[int], graph: Mapping[int, Iterable[int]]) -> set[in
 
 def connections(parts: Sequence[Placed]) -> list[Connection]:
     """All pins and axles in holes, studs, tyres on rims, turntables and ball joints."""
+    males, females, joints = _sites_of(parts)
+    return _coinciding(joints) + _inserted(parts, males, females)
+
+
+def _sites_of(parts: Sequence[Placed]) -> tuple[list[_Placed], list[_Placed], list[_Placed]]:
+    """The sites that go into others, those that others go into, and the halves of joints."""
     males: list[_Placed] = []
     females: list[_Placed] = []
     joints: list[_Placed] = []
@@ -178,17 +189,27 @@ def connections(parts: Sequence[Placed]) -> list[Connection]:
                 males.append(entry)
             else:
                 females.append(entry)
-    result = _coinciding(joints)
+    return males, females, joints
+
+
+def _inserted(
+    parts: Sequence[Placed],
+    males: list[_Placed],
+    females: list[_Placed],
+) -> list[Connection]:
+    """Pins and axles in holes, and studs."""
+    result: list[Connection] = []
     if not females:
         return result
     # Sorted along x, so that a pin is compared with the holes near to it alone: a plan may
     # have thousands of both.
     females.sort(key=lambda entry: float(entry[2][0]))
-    owners = np.array([entry[0] for entry in females])
-    centres = np.array([entry[2] for entry in females])
-    axes = np.array([entry[3] for entry in females])
-    lengths = np.array([entry[1].length for entry in females])
-    is_for_stud = np.array([entry[1].fit is Fit.STUD_HOLE for entry in females])
+    # Arrays of all n holes: a pin is compared with those nearby at once.
+    owners = np.array([owner for owner, _, _, _ in females])
+    centres = np.array([centre for _, _, centre, _ in females])  # [n, 3]
+    axes = np.array([axis for _, _, _, axis in females])  # [n, 3]
+    lengths = np.array([hole.length for _, hole, _, _ in females])
+    is_for_stud = np.array([hole.fit is Fit.STUD_HOLE for _, hole, _, _ in females])
     longest = float(lengths.max())
     for owner, site, centre, axis in males:
         reach = (site.length + longest) / 2 + _MAX_OFFSET
@@ -208,19 +229,39 @@ def connections(parts: Sequence[Placed]) -> list[Connection]:
         is_other_part = owners[nearby] != owner
         # A stud does not hold in a pin hole, nor a pin between studs.
         is_of_kind = is_for_stud[nearby] == (site.fit is Fit.STUD)
-        for index in np.flatnonzero(is_coaxial & is_inside & is_other_part & is_of_kind):
+        is_connected = is_coaxial & is_inside & is_other_part & is_of_kind
+        for index in np.flatnonzero(is_connected):
             other, hole, *_ = females[start + index]
             depth = float(high[index] - low[index])
             is_seated = depth >= _MIN_SEATED_SHARE * min(_MODULE, site.length, hole.length)
-            is_crossed = _is_crossed(parts[owner], site, parts[other], hole)
+            is_crossed = _is_crossed(
+                parts[owner],
+                site,
+                parts[other],
+                hole,
+            )
             point = centre + axis * float(low[index] + high[index]) / 2
             result.append(
-                Connection(owner, other, site, hole, point, axis, depth, is_seated, is_crossed)
+                Connection(
+                    owner,
+                    other,
+                    site,
+                    hole,
+                    point,
+                    axis,
+                    depth,
+                    is_seated,
+                    is_crossed,
+                )
             )
     return result
 
 
-def open_holes(male: Placed, shift: Floats, female: Placed) -> list[Site]:
+def open_holes(
+    male: Placed,
+    shift: Floats,
+    female: Placed,
+) -> list[Site]:
     """The holes of a part into which a pin or an axle of another one fits that is moved by
     ``shift`` [3], however deep."""
     bars = [site for site in male.part.sites if site.fit in _BARS]
@@ -242,7 +283,12 @@ def open_holes(male: Placed, shift: Floats, female: Placed) -> list[Site]:
     return [site for site, fits in zip(holes, has_bar, strict=True) if fits]
 
 
-def _is_crossed(axle: Placed, site: Site, holder: Placed, hole: Site) -> bool:
+def _is_crossed(
+    axle: Placed,
+    site: Site,
+    holder: Placed,
+    hole: Site,
+) -> bool:
     """Whether an axle's cross is misaligned with that of its hole; a motor turns its shaft to
     fit."""
     if site.fit is not Fit.AXLE or hole.fit is not Fit.AXLE_HOLE or hole.turns:
@@ -285,7 +331,17 @@ def _coinciding(joints: list[_Placed]) -> list[Connection]:
             if pair == (Fit.BALL, Fit.SOCKET) or is_turntable or is_seat:
                 depth = site.length
                 result.append(
-                    Connection(owner, other, site, hole, centre, axis, depth, True, False)
+                    Connection(
+                        owner,
+                        other,
+                        site,
+                        hole,
+                        centre,
+                        axis,
+                        depth,
+                        True,
+                        False,
+                    )
                 )
     return result
 
@@ -310,7 +366,14 @@ def _geared(parts: Sequence[Placed]) -> list[_Geared]:
     for placed in parts:
         for gear in placed.part.gears:
             axis = placed.rotation @ np.array(gear.axis)
-            geared.append(_Geared(placed, gear, placed.point(gear.centre), axis))
+            geared.append(
+                _Geared(
+                    placed,
+                    gear,
+                    placed.point(gear.centre),
+                    axis,
+                )
+            )
     return geared
 
 
@@ -377,7 +440,14 @@ def _parallel(first: _Geared, second: _Geared) -> Mesh | None:
     point = first.centre + across * fraction + axis * along / 2
     tangent = np.cross(axis, across / distance)
     engaged = overlap / min(gear.width, other.width)
-    return _make_mesh(first, second, error, point, tangent, engaged)
+    return _make_mesh(
+        first,
+        second,
+        error,
+        point,
+        tangent,
+        engaged,
+    )
 
 
 def _right_angle(first: _Geared, second: _Geared) -> Mesh | None:
@@ -401,10 +471,20 @@ def _right_angle(first: _Geared, second: _Geared) -> Mesh | None:
     apex = first.centre + along * first.axis
     back = np.sign(along) * other.pitch_radius * first.axis
     aside = np.sign(other_along) * gear.pitch_radius * second.axis
-    return _make_mesh(first, second, error, apex - back + aside, normal)
+    return _make_mesh(
+        first,
+        second,
+        error,
+        apex - back + aside,
+        normal,
+    )
 
 
-def _set_back_error(along: float, gear: Gear, other: Gear) -> float:
+def _set_back_error(
+    along: float,
+    gear: Gear,
+    other: Gear,
+) -> float:
     """A gear's distance from the axis of another at a right angle, minus the correct distance,
     LDU."""
     # A spur gear may lie anywhere on its axle where the crown gear's teeth pass its own.
@@ -429,7 +509,13 @@ def _worm(worm: _Geared, wheel: _Geared) -> Mesh | None:
     if abs(error) > _NEAR_TOLERANCE or distance < 1.0:
         return None
     contact = wheel.centre - across / distance * radius
-    mesh = _make_mesh(worm, wheel, error, contact, axis)
+    mesh = _make_mesh(
+        worm,
+        wheel,
+        error,
+        contact,
+        axis,
+    )
     # The thread is right-handed: turning it about its axis also moves the teeth backwards along the
     # axis.
     mesh.motion[0, 3:] -= axis * _TOOTH / (2 * np.pi)
@@ -451,7 +537,13 @@ def _rack(rack: _Geared, wheel: _Geared) -> Mesh | None:
     if is_past_end or is_beside:
         return None
     contact = wheel.centre - up * wheel.gear.pitch_radius
-    return _make_mesh(rack, wheel, error, contact, along)
+    return _make_mesh(
+        rack,
+        wheel,
+        error,
+        contact,
+        along,
+    )
 
 
 def _make_mesh(
@@ -472,7 +564,15 @@ def _make_mesh(
     second_row = np.concatenate([tangent, np.cross(second_point, tangent)])
     gears = (first.gear, second.gear)
     motion = np.stack([first_row, -second_row])
-    return Mesh(first.placed.index, second.placed.index, gears, error, engaged, point, motion)
+    return Mesh(
+        first.placed.index,
+        second.placed.index,
+        gears,
+        error,
+        engaged,
+        point,
+        motion,
+    )
 
 
 def chain_meshes(parts: Sequence[Placed]) -> list[Mesh]:
@@ -513,7 +613,11 @@ def _loops(parts: Sequence[Placed]) -> list[tuple[Floats, Floats]]:
     return loops
 
 
-def _is_driven(placed: _Geared, points: Floats, axis: Floats) -> bool:
+def _is_driven(
+    placed: _Geared,
+    points: Floats,
+    axis: Floats,
+) -> bool:
     """Whether a gear is inside a chain, and links lie on its teeth."""
     offset = points - placed.centre
     projected = offset - np.outer(offset @ axis, axis)
@@ -530,7 +634,11 @@ def _is_driven(placed: _Geared, points: Floats, axis: Floats) -> bool:
     return bool(is_level and np.count_nonzero(touching) >= 2 and abs(winding) > math.pi)
 
 
-def _chained(first: _Geared, second: _Geared, axis: Floats) -> Mesh | None:
+def _chained(
+    first: _Geared,
+    second: _Geared,
+    axis: Floats,
+) -> Mesh | None:
     """Two gears in a chain: where its straight part touches them, both move equally fast along it;
     ``None`` if one is inside the other."""
     radius = first.gear.pitch_radius
@@ -547,4 +655,11 @@ def _chained(first: _Geared, second: _Geared, axis: Floats) -> Mesh | None:
     point = first.centre + radius * outward
     other_point = second.centre + other_radius * outward
     tangent = np.cross(axis, outward)
-    return _make_mesh(first, second, 0.0, point, tangent, second_point=other_point)
+    return _make_mesh(
+        first,
+        second,
+        0.0,
+        point,
+        tangent,
+        second_point=other_point,
+    )

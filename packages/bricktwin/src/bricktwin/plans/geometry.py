@@ -2,6 +2,7 @@
 holes, is 20 LDU."""
 
 import enum
+import itertools
 import math
 from dataclasses import dataclass
 
@@ -18,6 +19,8 @@ _MIN_SIDES = 10
 """Sides of the coarsest polygon that looks round when it is shaded."""
 _MIN_SAMPLED_HALF = 0.25
 """LDU: a solid that is thinner than twice this is filled by one layer of points."""
+_BOX_SIGNS = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
+"""Signs [8, 3] of the corners of a box; the last axis runs fastest."""
 AXES: dict[str, Triple] = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 
 
@@ -36,14 +39,26 @@ def rotation(axis: Triple | Floats, angle: float) -> Floats:
     """Rotation matrix [3, 3] about a unit axis by an angle in radians (Rodrigues)."""
     x, y, z = axis
     # The matrix of the cross product with the axis.
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    cross = np.array(
+        [
+            [0.0, -z, y],
+            [z, 0.0, -x],
+            [-y, x, 0.0],
+        ]
+    )
     sine = math.sin(angle)
     versine = 1.0 - math.cos(angle)
     return np.asarray(np.eye(3) + sine * cross + versine * cross @ cross)
 
 
 def lines_coincide(
-    point: Floats, axis: Floats, other: Floats, other_axis: Floats, *, offset: float, sine: float
+    point: Floats,
+    axis: Floats,
+    other: Floats,
+    other_axis: Floats,
+    *,
+    offset: float,
+    sine: float,
 ) -> bool:
     """Whether two lines, each a point [3] and a unit direction [3], are closer and more parallel
     than these limits."""
@@ -77,7 +92,11 @@ class Solid:
     half: Triple
     axes: tuple[Triple, Triple, Triple] = (AXES["x"], AXES["y"], AXES["z"])
 
-    def contains(self, points: Floats, margin: float) -> Bools:
+    def contains(
+        self,
+        points: Floats,
+        margin: float,
+    ) -> Bools:
         """Whether points [n, 3] are deeper than ``margin`` below the surface [n]."""
         local = (points - np.array(self.centre)) @ np.array(self.axes).T
         half = np.array(self.half) - margin
@@ -108,13 +127,24 @@ class Solid:
         if self.form is Form.BOX:
             return np.asarray(_box_normals(local, np.array(self.half)) @ axes)
         bore = self.half[1] if self.form is Form.RING else None
-        normals = _round_normals(local, self.half[0], bore, self.half[2])
+        normals = _round_normals(
+            local,
+            self.half[0],
+            bore,
+            self.half[2],
+        )
         return np.asarray(normals @ axes)
 
-    def samples(self, spacing: float, depth: float) -> Floats:
+    def samples(
+        self,
+        spacing: float,
+        depth: float,
+    ) -> Floats:
         """Points [n, 3] that fill the solid up to ``depth`` below its surface."""
         half = np.maximum(np.array(self.half) - depth, 0.0)
-        counts = np.maximum(2, np.ceil(2 * half / spacing).astype(int) + 1)
+        # Points along each axis: both ends, and no two further apart than the spacing.
+        gaps = np.ceil(2 * half / spacing).astype(int)
+        counts = np.maximum(2, gaps + 1)
         lines: list[Floats] = []
         for size, count in zip(half, counts, strict=True):
             is_thick = size > _MIN_SAMPLED_HALF
@@ -124,18 +154,23 @@ class Solid:
             local = grid.reshape(-1, 3)
         else:
             inner = self.half[1] + depth if self.form is Form.RING else 0.0
-            local = _round_samples(half, inner, lines[2], spacing, is_ball=self.form is Form.BALL)
+            local = _round_samples(
+                half,
+                inner,
+                lines[2],
+                spacing,
+                is_ball=self.form is Form.BALL,
+            )
         return np.asarray(local @ np.array(self.axes) + np.array(self.centre))
 
     def corners(self) -> Floats:
         """Corners [8, 3] of the bounding box along ``axes``."""
-        ends = (-1, 1)
-        signs = np.array([[i, j, k] for i in ends for j in ends for k in ends], dtype=float)
         half = np.array(self.half)
         if self.form is Form.RING:
             # The second of a ring's sizes is its bore.
             half = np.array((self.half[0], self.half[0], self.half[2]))
-        return np.asarray((signs * half) @ np.array(self.axes) + np.array(self.centre))
+        local = _BOX_SIGNS * half  # [8, 3]
+        return np.asarray(local @ np.array(self.axes) + np.array(self.centre))
 
 
 def _box_normals(local: Floats, half: Floats) -> Floats:
@@ -148,7 +183,12 @@ def _box_normals(local: Floats, half: Floats) -> Floats:
     return normals
 
 
-def _round_normals(local: Floats, outer: float, bore: float | None, half_length: float) -> Floats:
+def _round_normals(
+    local: Floats,
+    outer: float,
+    bore: float | None,
+    half_length: float,
+) -> Floats:
     """Outward normals [n, 3] at points [n, 3] of a cylinder, or of a ring with a bore of this
     radius, along their third axis."""
     radius = np.maximum(np.hypot(local[:, 0], local[:, 1]), 1e-9)
@@ -168,7 +208,12 @@ def _round_normals(local: Floats, outer: float, bore: float | None, half_length:
 
 
 def _round_samples(
-    half: Floats, inner: float, heights: Floats, spacing: float, *, is_ball: bool
+    half: Floats,
+    inner: float,
+    heights: Floats,
+    spacing: float,
+    *,
+    is_ball: bool,
 ) -> Floats:
     """Rings of points around the third axis, none closer to it than ``inner`` [n, 3]."""
     rings = []
@@ -186,7 +231,8 @@ def _round_samples(
             angles = np.arange(count) * spacing / max(ring_radius, 1e-9)
             x = ring_radius * np.cos(angles)
             y = ring_radius * np.sin(angles)
-            rings.append(np.column_stack([x, y, np.full(len(angles), height)]))
+            z = np.full(len(angles), height)
+            rings.append(np.column_stack([x, y, z]))
     return np.concatenate(rings) if rings else np.zeros((0, 3))
 
 
@@ -211,14 +257,35 @@ def box(centre: Triple, size: Triple) -> Solid:
     return Solid(Form.BOX, centre, (size[0] / 2, size[1] / 2, size[2] / 2))
 
 
-def cylinder(centre: Triple, axis: Triple, length: float, radius: float) -> Solid:
+def cylinder(
+    centre: Triple,
+    axis: Triple,
+    length: float,
+    radius: float,
+) -> Solid:
     """A cylinder around ``axis``."""
-    return Solid(Form.CYLINDER, centre, (radius, radius, length / 2), frame_of(axis))
+    return Solid(
+        Form.CYLINDER,
+        centre,
+        (radius, radius, length / 2),
+        frame_of(axis),
+    )
 
 
-def ring(centre: Triple, axis: Triple, length: float, outer: float, inner: float) -> Solid:
+def ring(
+    centre: Triple,
+    axis: Triple,
+    length: float,
+    outer: float,
+    inner: float,
+) -> Solid:
     """A tube around ``axis``."""
-    return Solid(Form.RING, centre, (outer, inner, length / 2), frame_of(axis))
+    return Solid(
+        Form.RING,
+        centre,
+        (outer, inner, length / 2),
+        frame_of(axis),
+    )
 
 
 def ball(centre: Triple, radius: float) -> Solid:
@@ -226,7 +293,13 @@ def ball(centre: Triple, radius: float) -> Solid:
     return Solid(Form.BALL, centre, (radius, radius, radius))
 
 
-def bar(start: Triple, end: Triple, normal: Triple, width: float, thickness: float) -> Solid:
+def bar(
+    start: Triple,
+    end: Triple,
+    normal: Triple,
+    width: float,
+    thickness: float,
+) -> Solid:
     """A box from ``start`` to ``end``; ``normal`` is the direction of its thickness."""
     start_point = np.array(start)
     end_point = np.array(end)
@@ -235,4 +308,9 @@ def bar(start: Triple, end: Triple, normal: Triple, width: float, thickness: flo
     along = (end_point - start_point) / length
     half = (float(length) / 2, width / 2, thickness / 2)
     axes = (triple(along), triple(np.cross(up, along)), triple(up))
-    return Solid(Form.BOX, triple((start_point + end_point) / 2), half, axes)
+    return Solid(
+        Form.BOX,
+        triple((start_point + end_point) / 2),
+        half,
+        axes,
+    )

@@ -20,17 +20,24 @@ from bricktwin.plans.ldraw_text import MAX_LINES, key_of, unquoted
 from bricktwin.plans.meta_commands import Meaning, SynthKind, meaning_of, synth_kind
 
 _LIBRARY_TYPES = ("Part", "Subpart", "Shortcut", "Primitive", "8_Primitive", "48_Primitive")
+"""What a file of the library of LDraw.org declares itself to be, if it is no assembly."""
 _STRETCH_TOLERANCE = 0.02
+"""How far a matrix times its transpose may be from the identity, in any of its numbers."""
 _MAIN_COLOUR = 16
+"""LDraw's code of the colour that a model gets where it is placed."""
 _ENDS = {
     "LPUB PART": "0 !LPUB PART END",
     "LPUB BUILD": "0 !LPUB BUILD_MOD END_MOD",
     "MLCAD SKIP": "0 MLCAD SKIP_END",
 }
 """The line that ends lines that are no parts, by what it has in common with their first line."""
+# Limits of the numbers of a file.
 _MAX_DEG = 36_000.0
+"""A hundred turns of a motor."""
 _MAX_COORDINATE = 1e6
-"""Limits of the numbers of a file, the coordinates in LDU."""
+"""LDU: 400 m."""
+_PLACE_NUMBERS = 12
+"""Numbers of a line that places something: a position, and the rows of a matrix."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,8 +47,8 @@ class Marks:
     Attributes:
         port, device: of a motor or sensor: the hub's port, and the name in the description.
         angle_deg: of a motor: reading of its rotation sensor in this position.
-        stops_deg: of a
-        motor: readings at which what it drives meets something; ``None`` if nothing is said.
+        stops_deg: of a motor: readings at which what it drives meets something; ``None`` if nothing
+            is said.
         is_free: meant to turn freely.
         is_fixed: fixed to the table, with its body.
         ball: middle of the ball that it holds in a scene with a ball [3], in the part's frame, LDU.
@@ -118,16 +125,15 @@ def parse(text: str, path: str) -> "Document":
     """Parse the document of a plan. Raises PlanError if it places no part, or a comment or a name
     is invalid."""
     document = parse_any(text, path)
-    document.models = dict(dropwhile(lambda item: not item[1].references, document.models.items()))
-    if not document.models:
-        number, text = document.faults[0] if document.faults else (0, "")
-        fault = (
-            f", line {number}: {text}"
-            if text
-            else " places no part; give an LDraw file with lines that begin with 1"
-        )
-        raise PlanError(f"{path}{fault}")
-    return document
+    # The main model is the first that places something: an editor may write a header before it.
+    models = dropwhile(lambda item: not item[1].references, document.models.items())
+    document.models = dict(models)
+    if document.models:
+        return document
+    if document.faults:
+        number, fault = document.faults[0]
+        raise PlanError(f"{path}, line {number}: {fault}")
+    raise PlanError(f"{path} places no part; give an LDraw file with lines that begin with 1")
 
 
 def parse_any(text: str, path: str) -> "Document":
@@ -139,6 +145,7 @@ def parse_any(text: str, path: str) -> "Document":
     document = Document(path)
     for number, line in enumerate(lines, 1):
         document.parse_line(number, line.split())
+    # The end of the file ends its last model, which may leave something open.
     document.begin(Model("", len(lines)))
     return document
 
@@ -194,17 +201,27 @@ class Document:
         """The first model."""
         return next(iter(self.models.values()))
 
-    def parse_line(self, number: int, words: list[str]) -> None:
+    def parse_line(
+        self,
+        number: int,
+        words: list[str],
+    ) -> None:
         """Parse one line, split into words."""
         match words:
             case ["0", *rest]:
                 self._meta(number, rest)
             case ["1", *_]:
                 self._reference(number, words)
+            # Triangles and quadrilaterals. What editors draw of cables and hoses has them too, but
+            # makes no shape of the model in which it stands.
             case ["3" | "4", *_] if not (self._ignored or self._synth or self._range):
                 self._current(number).is_shape = True
 
-    def _meta(self, number: int, words: list[str]) -> None:
+    def _meta(
+        self,
+        number: int,
+        words: list[str],
+    ) -> None:
         """Do what a line means that begins with 0; these are its further words."""
         match meaning_of(words):
             case Meaning.MODEL:
@@ -218,6 +235,7 @@ class Document:
                 model.notes.setdefault(model.step, []).extend(words[1:])
             case Meaning.OURS:
                 self._own_comment(number, words[1:])
+            # Copies: the model grows on, and a buffer may be retrieved several times.
             case Meaning.STORE:
                 self._buffers[words[1]] = list(self._current(number).references)
             case Meaning.RETRIEVE:
@@ -231,6 +249,7 @@ class Document:
                 | Meaning.GENERATOR
             ):
                 self._range_of_lines(number, words)
+            # Only a ghost of a placed part; ghosts of other lines are comments.
             case Meaning.GHOST if words[1:2] == ["1"]:
                 self._reference(number, words[1:], is_ghost=True)
             case (
@@ -245,25 +264,37 @@ class Document:
             case Meaning.DRAWN_MODEL | Meaning.SHAPE | None if words:
                 self._describe(self._current(number), words)
 
-    def _describe(self, model: Model, words: list[str]) -> None:
+    def _describe(
+        self,
+        model: Model,
+        words: list[str],
+    ) -> None:
         """Note what a line says about its model: that it is drawn, or a shape, or its title."""
         meaning = meaning_of(words)
         if meaning is Meaning.DRAWN_MODEL:
             model.is_drawn = True
         elif meaning is Meaning.SHAPE:
             model.is_shape |= words[1].removeprefix("Unofficial_") in _LIBRARY_TYPES
+        # Of comments, the first is the title; what begins with `!` is an unknown command.
         elif not words[0].startswith("!"):
             model.title = model.title or " ".join(words)
 
-    def _range_of_lines(self, number: int, words: list[str]) -> None:
+    def _range_of_lines(
+        self,
+        number: int,
+        words: list[str],
+    ) -> None:
         """Do what a line means that begins or ends lines that are no parts, or one piece."""
         match meaning_of(words):
+            # Lines that MLCad skips are no parts, unless it has just said that it draws them.
             case Meaning.IGNORED if self._generator_line and words[0] == "MLCAD":
                 self._begin_generated(number)
             case Meaning.IGNORED:
+                # The first of several beginnings is the one that an error names.
                 self._ignored.setdefault(_pair(words), number)
             case Meaning.END_IGNORED:
                 if self._ignored.pop(_pair(words), 0) == 0:
+                    # Nothing was ignored, so it ends the segments that MLCad has drawn.
                     self._range = None
             case Meaning.SUBSTITUTED:
                 self._begin_range(number, words[words.index("SUB") + 1])
@@ -271,16 +302,27 @@ class Document:
                 self._range = None
             case Meaning.GENERATOR:
                 self._generator_line = number
+                # The whole model, unless a range of drawn segments follows (`_begin_generated`).
                 self._current(number).is_drawn = True
 
-    def _lsynth(self, number: int, words: list[str]) -> None:
+    def _lsynth(
+        self,
+        number: int,
+        words: list[str],
+    ) -> None:
         """Do what a line of LSynth means."""
         meaning = meaning_of(words)
         synth = self._synth
         if meaning is Meaning.SYNTH and not self._ignored:
+            # Without an end, the next one ends it.
             self._end_synth()
             kind = synth_kind(words[2])
-            self._synth = _Synth(number, words[2].lower(), kind, is_shown=kind.is_band)
+            self._synth = _Synth(
+                number,
+                words[2].lower(),
+                kind,
+                is_shown=kind.is_band,
+            )
             self._current(number)
         elif meaning is Meaning.END_SYNTH:
             self._end_synth()
@@ -294,26 +336,52 @@ class Document:
         synth = self._synth
         self._synth = None
         if synth is not None and not synth.count:
+            # A model of its own without parts, which counts as one piece.
             drawn = Model(f"{synth.name} of line {synth.line}", synth.line, is_drawn=True)
             self.models[key_of(drawn.name)] = drawn
-            self._place(synth.line, _MAIN_COLOUR, np.eye(3), np.zeros(3), drawn.name)
+            self._place(
+                synth.line,
+                _MAIN_COLOUR,
+                np.eye(3),
+                np.zeros(3),
+                drawn.name,
+            )
 
-    def _begin_range(self, number: int, name: str) -> None:
+    def _begin_range(
+        self,
+        number: int,
+        name: str,
+    ) -> None:
         """Begin lines that are one drawn piece."""
         if not self._ignored:
             self._range = None
-            drawn = Model(f"{name} of line {number}", number, is_drawn=True, is_range=True)
+            drawn = Model(
+                f"{name} of line {number}",
+                number,
+                is_drawn=True,
+                is_range=True,
+            )
             self.models[key_of(drawn.name)] = drawn
-            self._place(number, _MAIN_COLOUR, np.eye(3), np.zeros(3), drawn.name)
+            # Before it becomes the range, which would else contain itself.
+            self._place(
+                number,
+                _MAIN_COLOUR,
+                np.eye(3),
+                np.zeros(3),
+                drawn.name,
+            )
             self._range = drawn
 
     def _begin_generated(self, number: int) -> None:
         """Begin the segments of the hose, band or spring that a line before these names."""
+        # Only these segments are drawn, not the model that they stand in.
         self._current(number).is_drawn = False
         self._begin_range(self._generator_line, "hose, band or spring")
         self._generator_line = 0
 
     def _current(self, number: int) -> Model:
+        """The model that lines belong to."""
+        # A file with one model need not name it: it has the name of the file.
         if self._model is None:
             self._model = self.models[""] = Model(Path(self.path).name, number)
         return self._model
@@ -334,20 +402,31 @@ class Document:
             remedy = "write it after the last line that is no part"
             raise self._error(line, f"no {_ENDS[pair]} follows", remedy)
         self._model = model
+        # What else was begun holds for one model only, and ends with it.
         self._range = None
         self._buffers = {}
         self._generator_line = 0
 
-    def _file(self, number: int, name: str) -> None:
+    def _file(
+        self,
+        number: int,
+        name: str,
+    ) -> None:
         key = key_of(name)
         model = Model(name, number)
         if not name or (key in self.models and not key.endswith(".dat")):
             fault = f"'{name}' is the name of two models" if name else "a model without a name"
             raise self._error(number, fault, "give each one its own")
-        self.models.setdefault(key, model)  # files with embedded parts have some of them twice
+        # Files with embedded parts have some of them twice: the first counts.
+        self.models.setdefault(key, model)
         self.begin(model)
 
-    def _own_comment(self, number: int, words: list[str]) -> None:
+    def _own_comment(
+        self,
+        number: int,
+        words: list[str],
+    ) -> None:
+        # All others speak of the part that follows.
         if words[:1] not in (["ROBOT"], ["PARTS"]):
             self._marks_line = number
         match words:
@@ -355,47 +434,44 @@ class Document:
                 self.robot = robot
             case ["PARTS", count] if count.isdecimal() and len(count) < 6:
                 self.count = int(count)
-            case ["PORT", port, *rest] if (
-                len(port) == 1
-                and len(rest) < 3
-                and (turn := numbers_of(rest[1:] or ["0"], _MAX_DEG))
-            ):
-                self._marks |= {
-                    "port": port.upper(),
-                    "device": rest[0] if rest else None,
-                    "angle_deg": turn[0],
-                }
-            case ["STOPS", *ends] if (
-                len(stops := numbers_of(ends, _MAX_DEG)) == 2 and stops[0] < stops[1]
-            ):
-                self._marks["stops_deg"] = stops
-            case ["FREE" | "FIXED" as mark]:
-                self._marks[f"is_{mark.lower()}"] = True
-            case ["BALL", *place] if len(ball := numbers_of(place, _MAX_COORDINATE)) == 3:
-                self._marks["ball"] = ball
             case _:
-                raise self._error(
-                    number,
-                    f"'{' '.join(words)}' is not understood",
-                    "write ROBOT NAME, PARTS COUNT, PORT LETTER [DEVICE [DEGREES]], STOPS LOW "
-                    "HIGH, FREE, FIXED or BALL X Y Z",
-                )
+                marks = _marks_of(words)
+                if not marks:
+                    raise self._error(
+                        number,
+                        f"'{' '.join(words)}' is not understood",
+                        "write ROBOT NAME, PARTS COUNT, PORT LETTER [DEVICE [DEGREES]], STOPS LOW "
+                        "HIGH, FREE, FIXED or BALL X Y Z",
+                    )
+                # Several comments may stand before one part.
+                self._marks |= marks
 
-    def _reference(self, number: int, words: list[str], is_ghost: bool = False) -> None:
-        drawn = colour_and_numbers(words, 12, _MAX_COORDINATE)
-        name = unquoted(words[14:])
-        if self._is_no_part(name):
-            self._marks = {}
-        elif drawn is None or not name:
-            self.faults.append(
-                LineFault(number, "cannot place a part; write 1, a colour, 12 numbers and a file")
-            )
-            self._marks = {}
-        else:
-            matrix = np.array(drawn[1][3:]).reshape(3, 3)
-            offset = np.array(drawn[1][:3])
-            self._place(number, drawn[0], matrix, offset, name, is_ghost)
-            self._marks = {}
+    def _reference(
+        self,
+        number: int,
+        words: list[str],
+        is_ghost: bool = False,
+    ) -> None:
+        drawn = colour_and_numbers(words, _PLACE_NUMBERS, _MAX_COORDINATE)
+        name = unquoted(words[2 + _PLACE_NUMBERS :])
+        if not self._is_no_part(name):
+            if drawn is None or not name:
+                text = "cannot place a part; write 1, a colour, 12 numbers and a file"
+                self.faults.append(LineFault(number, text))
+            else:
+                colour, numbers = drawn
+                offset = np.array(numbers[:3])
+                matrix = np.array(numbers[3:]).reshape(3, 3)
+                self._place(
+                    number,
+                    colour,
+                    matrix,
+                    offset,
+                    name,
+                    is_ghost,
+                )
+        # What was said before this line was said of it, also if it is left out.
+        self._marks = {}
 
     def _is_no_part(self, name: str) -> bool:
         """Whether a line places no part, as it is ignored, or LSynth needs it only to draw."""
@@ -403,8 +479,10 @@ class Document:
         if self._ignored or synth is None:
             return bool(self._ignored)
         if synth.is_drawing:
+            # The links of a chain are parts, the segments of a hose are not.
             synth.count += synth.kind.is_of_parts
             return not synth.kind.is_of_parts
+        # Among these lines are LSynth's own marks, which the catalogue does not have.
         return not (synth.is_shown and catalogue.find(name))
 
     def _place(
@@ -417,14 +495,51 @@ class Document:
         is_ghost: bool = False,
     ) -> None:
         model = self._current(number)
-        is_stretched = bool(np.abs(matrix @ matrix.T - np.eye(3)).max() > _STRETCH_TOLERANCE)
+        # Of a rotation, also with a reflection, the transpose is the inverse.
+        stretch = np.abs(matrix @ matrix.T - np.eye(3))  # [3, 3]
+        is_stretched = bool(stretch.max() > _STRETCH_TOLERANCE)
         reference = Reference(
-            colour, matrix, offset, name, model.step, number, is_stretched, is_ghost, **self._marks
+            colour,
+            matrix,
+            offset,
+            name,
+            model.step,
+            number,
+            is_stretched,
+            is_ghost,
+            **self._marks,
         )
         (self._range or model).references.append(reference)
 
-    def _error(self, number: int, fault: str, remedy: str) -> PlanError:
+    def _error(
+        self,
+        number: int,
+        fault: str,
+        remedy: str,
+    ) -> PlanError:
         return PlanError(f"{self.path}, line {number}: {fault}; {remedy}")
+
+
+def _marks_of(words: list[str]) -> dict[str, Any]:
+    """What a comment of ours says of the part after it, by the names of `Marks`; empty if it is not
+    understood."""
+    match words:
+        case ["PORT", port, *rest] if len(port) == 1 and len(rest) < 3:
+            turn_deg = numbers_of(rest[1:] or ["0"], _MAX_DEG)
+            if turn_deg:
+                device = rest[0] if rest else None
+                return {"port": port.upper(), "device": device, "angle_deg": turn_deg[0]}
+        case ["STOPS", *ends]:
+            stops_deg = numbers_of(ends, _MAX_DEG)
+            if len(stops_deg) == 2 and stops_deg[0] < stops_deg[1]:
+                return {"stops_deg": stops_deg}
+        case ["FREE" | "FIXED" as mark]:
+            return {f"is_{mark.lower()}": True}
+        case ["BALL", *place]:
+            ball = numbers_of(place, _MAX_COORDINATE)
+            if len(ball) == 3:
+                return {"ball": ball}
+    return {}
 
 
 def _pair(words: Sequence[str]) -> str:
@@ -433,7 +548,9 @@ def _pair(words: Sequence[str]) -> str:
 
 
 def colour_and_numbers(
-    words: list[str], count: int, limit: float = math.inf
+    words: list[str],
+    count: int,
+    limit: float = math.inf,
 ) -> tuple[int, tuple[float, ...]] | None:
     """Colour and ``count`` numbers, all finite and below a limit, of a line that draws something;
     ``None`` if one is invalid.
@@ -442,9 +559,8 @@ def colour_and_numbers(
     """
     numbers = numbers_of(words[2 : 2 + count], limit)
     try:
-        colour = int(
-            words[1].replace("#", "0x"), 16 if words[1].lower().startswith(("0x", "#")) else 10
-        )
+        is_hexadecimal = words[1].lower().startswith(("0x", "#"))
+        colour = int(words[1].replace("#", "0x"), 16 if is_hexadecimal else 10)
     except (ValueError, IndexError):
         return None
     return (colour, numbers) if len(numbers) == count else None
@@ -456,4 +572,5 @@ def numbers_of(words: Sequence[str], limit: float = math.inf) -> tuple[float, ..
         numbers = tuple(map(float, words))
     except ValueError:
         return ()
+    # What is no number (NaN) is not below the limit either.
     return numbers if all(abs(value) < limit for value in numbers) else ()

@@ -26,6 +26,7 @@ MAIN_COLOUR = 16
 """Code of the colour that is chosen where the part is used."""
 
 _SYSTEM_FOLDERS = ("/usr/share/ldraw", "/usr/local/share/ldraw", "/Library/LDraw", "C:/LDraw")
+"""Where Linux, macOS and Windows have it."""
 _NUMBERS = {"1": 12, "3": 9, "4": 12}
 """Count of the numbers of a line that refers to a file, or is a triangle or a quadrilateral."""
 _COLOUR = re.compile(
@@ -45,8 +46,10 @@ def folder() -> Path | None:
             path,
         )
         return None
-    candidates = (path,) if path else _SYSTEM_FOLDERS
-    return next((Path(candidate) for candidate in candidates if _is_library(Path(candidate))), None)
+    for candidate in (path,) if path else _SYSTEM_FOLDERS:
+        if _is_library(Path(candidate)):
+            return Path(candidate)
+    return None
 
 
 def _is_library(path: Path) -> bool:
@@ -86,15 +89,10 @@ def _triangles_of(root: Path, name: str) -> Triangles:
         if drawn is not None:
             colour, numbers = drawn
             if words[0] == "1":
-                matrix = np.array(numbers[3:]).reshape(3, 3)
-                offset = np.array(numbers[:3])
-                # A mirrored part is inside out.
-                is_flipped = inverted != bool(np.linalg.det(matrix) < 0)
                 file_name = key_of(" ".join(words[14:]))
-                for code, local in _triangles_of(root, file_name).items():
-                    triangles = local @ matrix.T + offset
-                    if is_flipped:
-                        triangles = triangles[:, ::-1]
+                inner = _triangles_of(root, file_name)
+                for code, triangles in _placed(inner, numbers, inverted=inverted).items():
+                    # The main colour of a file is the one that it is placed in.
                     pieces[colour if code == MAIN_COLOUR else code].append(triangles)
             else:
                 pieces[colour].append(_faces(numbers, clockwise=clockwise, certified=certified))
@@ -103,7 +101,31 @@ def _triangles_of(root: Path, name: str) -> Triangles:
     return {colour: np.concatenate(triangles) for colour, triangles in pieces.items()}
 
 
-def _faces(numbers: Sequence[float], *, clockwise: bool, certified: bool) -> Floats:
+def _placed(
+    inner: Triangles,
+    numbers: Sequence[float],
+    *,
+    inverted: bool,
+) -> Triangles:
+    """Triangles of a file in the frame of the file that places it. ``numbers``: offset and matrix
+    of the line that does."""
+    offset = np.array(numbers[:3])
+    matrix = np.array(numbers[3:]).reshape(3, 3)
+    # A mirrored part is inside out.
+    is_flipped = inverted != bool(np.linalg.det(matrix) < 0)
+    placed: Triangles = {}
+    for code, local in inner.items():
+        triangles = local @ matrix.T + offset
+        placed[code] = triangles[:, ::-1] if is_flipped else triangles
+    return placed
+
+
+def _faces(
+    numbers: Sequence[float],
+    *,
+    clockwise: bool,
+    certified: bool,
+) -> Floats:
     """Triangles [n, 3, 3] of a triangle or a quadrilateral."""
     corners = np.array(numbers).reshape(-1, 3)
     faces = corners[None, :]

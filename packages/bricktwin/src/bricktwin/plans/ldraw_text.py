@@ -10,11 +10,17 @@ from pathlib import Path, PurePosixPath
 from brickhub.errors import PlanError
 
 MAX_BYTES = 8_000_000
+"""Size of a file, also when it is unpacked."""
 MAX_LINES = 100_000
+"""Number of lines of a file."""
 MAX_FILES = 500
 """Number of files that a plan may be made of."""
 _STUDIO_MODELS = ("model.ldr", "model2.ldr")
+"""The model in a file of Studio, under the names that it has there, the preferred one first."""
 _SUFFIXES = (".ldr", ".mpd", ".dat")
+"""What the name of a file beside a plan may end with."""
+_FIRST_NAME_WORD = 14
+"""In a line that places something: after the 1, the colour and 12 numbers comes the name."""
 
 
 def read_text(path: Path) -> str:
@@ -22,11 +28,13 @@ def read_text(path: Path) -> str:
     missing, too large or encrypted."""
     try:
         with path.open("rb") as file:
+            # One byte more than is allowed tells a file that is too large, however large it is.
             data = file.read(MAX_BYTES + 1)
     except OSError as error:
         raise PlanError(
             f"{path}: {error.strerror or error}; name an LDraw file (.ldr, .mpd or .io)"
         ) from None
+    # By its first bytes, whatever its name: Studio's file is a zip.
     if data[:2] == b"PK" and len(data) <= MAX_BYTES:
         data = _unzipped(path, data)
     if len(data) > MAX_BYTES:
@@ -35,7 +43,9 @@ def read_text(path: Path) -> str:
             "model without its renderings"
         )
     is_wide = data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
-    text = data.decode("utf-16" if is_wide else "utf-8-sig", errors="replace")
+    encoding = "utf-16" if is_wide else "utf-8-sig"
+    # An older encoding spoils some letters of titles and notes, but no number and no part.
+    text = data.decode(encoding, errors="replace")
     if "\0" in text[:4096]:
         raise PlanError(
             f"{path} is not a text file; export the model as an LDraw file (.ldr or .mpd)"
@@ -47,10 +57,14 @@ def _unzipped(path: Path, data: bytes) -> bytes:
     """The model inside a Studio file."""
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
-            names = [name for name in archive.namelist() if name.lower().endswith((".ldr", ".mpd"))]
-            name = min(names, key=_rank, default=None)
+            models = [
+                member for member in archive.namelist() if member.lower().endswith((".ldr", ".mpd"))
+            ]
+            name = min(models, key=_rank, default=None)
+            # Of a zip's flags, the lowest bit says that the member is encrypted.
             if name is not None and not archive.getinfo(name).flag_bits & 1:
                 with archive.open(name) as file:
+                    # Never more than the limit, whatever size the archive claims.
                     return file.read(MAX_BYTES + 1)
     except Exception as error:  # noqa: BLE001 - each method of compression has errors of its own
         raise PlanError(
@@ -84,34 +98,70 @@ class Beside:
         self._folder = plan.parent
         self._listings: dict[Path, dict[str, Path]] = {}
 
-    def find(self, name: str, user: Path) -> Path | None:
+    def find(
+        self,
+        name: str,
+        user: Path,
+    ) -> Path | None:
         """The file of that name beside the file that uses it, or beside the plan; ``None`` if there
         is none."""
         steps = PurePosixPath(name.replace("\\", "/")).parts
-        is_inside = bool(steps) and steps[0] != "/" and ":" not in steps[0]
-        if not (is_inside and name.lower().endswith(_SUFFIXES)):
+        # A name from the root, or with a drive of Windows, is no name beside something.
+        is_relative = bool(steps) and steps[0] != "/" and ":" not in steps[0]
+        if not (is_relative and name.lower().endswith(_SUFFIXES)):
             return None
-        within = self._folder.resolve()
         for folder in (user.parent, self._folder):
-            path: Path | None = folder
-            for step in steps:
-                path = None if path is None else self._member(path, step)
-            if path is not None and path.is_file() and path.resolve().is_relative_to(within):
+            path = self._walked(folder, steps)
+            if path is not None and path.is_file() and self._is_within(path):
                 return path
         return None
 
-    def _member(self, folder: Path, name: str) -> Path | None:
+    def _walked(
+        self,
+        folder: Path,
+        steps: Sequence[str],
+    ) -> Path | None:
+        """Where steps lead from a folder; ``None`` if one of them is not there."""
+        path = folder
+        for step in steps:
+            member = self._member(path, step)
+            if member is None:
+                return None
+            path = member
+        return path
+
+    def _is_within(self, path: Path) -> bool:
+        """Whether a file is in the plan's folder, or below it."""
+        # Resolved, as the steps may go up, and links lead anywhere.
+        return path.resolve().is_relative_to(self._folder.resolve())
+
+    def _member(
+        self,
+        folder: Path,
+        name: str,
+    ) -> Path | None:
         """A member of a folder; the exact name counts before one in other letters."""
         if name == "..":
+            # The parent of `.` or of `..` is not what is left without its last name.
             return folder.parent if folder.name not in ("", "..") else folder / name
         if folder not in self._listings:
-            try:
-                members = sorted(folder.iterdir(), reverse=True)
-            except OSError:  # there is none, or nobody may read it
-                members = []
-            self._listings[folder] = {_plain(path.name): path for path in members}
-            self._listings[folder] |= {path.name: path for path in members}
-        return self._listings[folder].get(name) or self._listings[folder].get(_plain(name))
+            self._listings[folder] = _listed(folder)
+        listing = self._listings[folder]
+        return listing.get(name) or listing.get(_plain(name))
+
+
+def _listed(folder: Path) -> dict[str, Path]:
+    """The members of a folder, by their names and by their plain names."""
+    try:
+        # From the last to the first, so that of names that are equal but for their letters the
+        # first one counts, on every file system.
+        members = sorted(folder.iterdir(), reverse=True)
+    except OSError:  # there is none, or nobody may read it
+        members = []
+    listing = {_plain(path.name): path for path in members}
+    # Exact names later: they replace plain ones.
+    listing.update({path.name: path for path in members})
+    return listing
 
 
 def _plain(name: str) -> str:
@@ -123,14 +173,16 @@ def _plain(name: str) -> str:
 def named_files(text: str) -> Iterator[str]:
     """Names of the files that the lines of a text place, each once, and that are not in it."""
     inside = set()
+    # As a dict, which has each once and keeps their order.
     placed = {}
     for line in text.splitlines():
         words = line.split()
         if words[:2] == ["0", "FILE"]:
             inside.add(key_of(unquoted(words[2:])))
-        elif words[:1] == ["1"] and len(words) > 14:
-            name = unquoted(words[14:])
+        elif words[:1] == ["1"] and len(words) > _FIRST_NAME_WORD:
+            name = unquoted(words[_FIRST_NAME_WORD:])
             placed[key_of(name)] = name
+    # Only now, as a model may be placed before it is written.
     return (name for key, name in placed.items() if key not in inside)
 
 
@@ -143,14 +195,17 @@ def sources_of(path: Path) -> Iterator[bytes]:
     """Contents of a plan and of the files beside it that it is made of. Raises OSError if one
     cannot be read, PlanError if one is no LDraw file."""
     waiting = [path]
-    seen = {path.resolve()}
+    # Resolved: two names may lead to one file, and files may place each other in a circle.
+    known = {path.resolve()}
     beside = Beside(path)
-    while waiting and len(seen) <= MAX_FILES:
+    while waiting and len(known) <= MAX_FILES:
         file = waiting.pop()
+        # The name too, as it may be the title of the plan.
         yield file.name.encode()
         yield file.read_bytes()
         for name in named_files(read_text(file)):
             found = beside.find(name, file)
-            if found is not None and found.resolve() not in seen:
-                seen.add(found.resolve())
-                waiting.append(found)
+            if found is None or found.resolve() in known:
+                continue
+            known.add(found.resolve())
+            waiting.append(found)

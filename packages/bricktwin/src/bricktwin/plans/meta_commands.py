@@ -153,24 +153,35 @@ META_COMMANDS = (
     MetaCommand("!PREVIEW", "LDraw", Meaning.HEADER),
     MetaCommand("!CMDLINE", "LDraw", Meaning.HEADER),
 )
-"""All kinds; of two that a line begins with, the one with more words counts."""
+"""All kinds; of two that a line begins with, the one with more words counts. `docs/plans.md`
+has the same table, and a test compares them."""
 
 
 @functools.cache
 def _by_first_word() -> dict[str, list[tuple[list[str], Meaning]]]:
-    rows = defaultdict(list)
+    """The words of each kind and its meaning, by the first word, the longest kinds first."""
+    # A file may have 100,000 lines, of which most need not be compared with any kind.
+    kinds = defaultdict(list)
     for command in META_COMMANDS:
         words = command.words.split()
-        rows[words[0]].append((words, command.meaning))
-    return {word: sorted(same, key=lambda row: -len(row[0])) for word, same in rows.items()}
+        kinds[words[0]].append((words, command.meaning))
+    for same_word in kinds.values():
+        # What a program says in general, as `!LPUB`, would hide what it says in particular.
+        same_word.sort(key=lambda kind: len(kind[0]), reverse=True)
+    return dict(kinds)
 
 
 def meaning_of(words: Sequence[str]) -> Meaning | None:
     """What a line is, by its words after the 0; ``None`` for a title, a comment, or an unknown
     command."""
-    for pattern, meaning in _by_first_word().get(words[0] if words else "", ()):
-        is_it = all(word in ("*", said) for word, said in zip(pattern, words, strict=False))
-        if is_it and len(words) >= len(pattern):
+    if not words:
+        return None
+    for pattern, meaning in _by_first_word().get(words[0], ()):
+        if len(words) < len(pattern):
+            continue
+        # A line may say more than the pattern: names, numbers, comments.
+        word_pairs = zip(pattern, words, strict=False)
+        if all(expected in ("*", word) for expected, word in word_pairs):
             return meaning
     return None
 

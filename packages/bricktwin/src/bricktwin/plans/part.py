@@ -11,9 +11,15 @@ from bricktwin.plans.geometry import Bools, Floats, Solid, Triple
 
 HOLE_RADIUS = 6.2
 """Radius of pin and axle holes; that of a pin is 6."""
+# The ends of a pin hole are wider, for a pin's collar or an axle's stop.
 _RECESS = 2.0
+"""What the recess adds to the hole's radius."""
 _RECESS_DEPTH = 2.0
-"""By how much the ends of a pin hole are wider, for a pin's collar or an axle's stop."""
+"""How far it reaches into the hole."""
+_SAMPLE_DEPTH = 0.9
+"""Distance of sample points from the surface."""
+_THIN = 12.0
+"""Half sizes of a solid below this are filled more closely."""
 
 
 class Fit(enum.Enum):
@@ -178,29 +184,52 @@ class Part:
         """The female sites."""
         return tuple(site for site in self.sites if site.fit in (Fit.HOLE, Fit.AXLE_HOLE))
 
-    def contains(self, points: Floats, margin: float) -> Bools:
+    def contains(
+        self,
+        points: Floats,
+        margin: float,
+    ) -> Bools:
         """Whether points [n, 3], in the part's frame, are deeper than ``margin`` in the solids, and
         in no hole [n]."""
         inside = np.zeros(len(points), dtype=bool)
         for solid in (*self.solids, *self.turning):
             inside |= solid.contains(points, margin)
+        # Only of the points in a solid it matters whether they are in a hole of it.
         inside[inside] = ~_in_holes(points[inside], self.holes, 0.0)
         return inside
 
-    def blocks(self, points: Floats, margin: float, open_holes: Iterable[Site]) -> Bools:
+    def blocks(
+        self,
+        points: Floats,
+        margin: float,
+        open_holes: Iterable[Site],
+    ) -> Bools:
         """Whether points [n, 3] are deeper than ``margin`` in the material [n]. Only the holes that
         are open for them are empty: nothing else fits into a hole."""
         inside = np.zeros(len(points), dtype=bool)
         for number, solid in enumerate((*self.solids, *self.turning)):
             within = np.flatnonzero(solid.contains(points, margin))
-            inside[within[~self._in_notch(points[within], number, margin)]] = True
-        inside[inside] = ~_in_holes(points[inside], open_holes, margin, _RECESS)
+            is_in_notch = self._in_notch(points[within], number, margin)
+            # Solid by solid: where one has its notch, another may have material.
+            inside[within[~is_in_notch]] = True
+        inside[inside] = ~_in_holes(
+            points[inside],
+            open_holes,
+            margin,
+            _RECESS,
+        )
         return inside
 
-    def _in_notch(self, points: Floats, number: int, margin: float) -> Bools:
+    def _in_notch(
+        self,
+        points: Floats,
+        number: int,
+        margin: float,
+    ) -> Bools:
         """Whether points [n, 3] are in a notch of a solid, or less than ``margin`` from one [n]."""
         inside = np.zeros(len(points), dtype=bool)
         for count, notch in self.notches:
+            # It is cut out of the first `count` solids only.
             if number < count:
                 inside |= notch.contains(points, -margin)
         return inside
@@ -209,6 +238,7 @@ class Part:
     def mirror(self) -> Floats | None:
         """Signs [3] of a reflection along an axis that maps the part onto itself; ``None`` for a
         part with a left and a right."""
+        # The rows (-1, 1, 1), (1, -1, 1), (1, 1, -1).
         for signs in 1.0 - 2.0 * np.eye(3):
             has_same_features = self._features(signs) == self._features(np.ones(3))
             # Last, as it costs most: the mirrored material lies in the part, give or take 0.2 LDU.
@@ -230,17 +260,21 @@ class Part:
             reverse = (-values[0], -values[1], -values[2])
             return max(point(values), point(reverse))
 
-        sites = [
-            (s.fit.value, point(s.centre), line(s.axis), s.length, s.turns, line(s.arm))
-            for s in self.sites
-        ]
-        gears = [
-            (g.form.value, point(g.centre), line(g.axis), g.width, g.teeth, point(g.up))
-            for g in self.gears
-        ]
+        sites = []
+        for site in self.sites:
+            axis = line(site.axis)
+            arm = line(site.arm)
+            sites.append((site.fit.value, point(site.centre), axis, site.length, site.turns, arm))
+        gears = []
+        for gear in self.gears:
+            axis = line(gear.axis)
+            up = point(gear.up)
+            gears.append((gear.form.value, point(gear.centre), axis, gear.width, gear.teeth, up))
+        # Sorted, as a reflection may exchange equal sites or gears.
         features: list[tuple[object, ...]] = [*sorted(sites), *sorted(gears)]
         if self.device is not None:
-            ports = sorted((name, point(at)) for name, at in self.device.ports)
+            # Ports have names, which a reflection must not exchange.
+            ports = sorted((name, point(place)) for name, place in self.device.ports)
             features.append((ports, point(self.device.plug), point(self.device.direction)))
         return features
 
@@ -255,11 +289,18 @@ class Part:
         points = [np.zeros((0, 3))]
         for number, solid in enumerate((*self.solids, *self.turning)):
             # A thin solid needs points that are closer together.
-            spacing = 3.5 if min(solid.half) < 12 else 7.0
-            samples = solid.samples(spacing, 0.9)
-            points.append(samples[~self._in_notch(samples, number, 0.9)])
+            spacing = 3.5 if min(solid.half) < _THIN else 7.0
+            samples = solid.samples(spacing, _SAMPLE_DEPTH)
+            is_in_notch = self._in_notch(samples, number, _SAMPLE_DEPTH)
+            points.append(samples[~is_in_notch])
         samples = np.concatenate(points)
-        return samples[~_in_holes(samples, self.holes, 0.9, _RECESS)]
+        is_in_hole = _in_holes(
+            samples,
+            self.holes,
+            _SAMPLE_DEPTH,
+            _RECESS,
+        )
+        return samples[~is_in_hole]
 
     @functools.cached_property
     def bounds(self) -> tuple[Floats, Floats]:
@@ -267,16 +308,22 @@ class Part:
         return self.corners.min(axis=0), self.corners.max(axis=0)
 
 
-def _in_holes(points: Floats, holes: Iterable[Site], margin: float, recess: float = 0.0) -> Bools:
+def _in_holes(
+    points: Floats,
+    holes: Iterable[Site],
+    margin: float,
+    recess: float = 0.0,
+) -> Bools:
     """Whether points [n, 3] are in a hole, or less than ``margin`` from one [n]. ``recess``: of a
     pin hole's ends."""
     inside = np.zeros(len(points), dtype=bool)
     for site in holes:
-        offset = points - np.array(site.centre)
-        along = offset @ np.array(site.axis)
-        # Of the distance from the axis.
+        offset = points - np.array(site.centre)  # [n, 3]
+        along = offset @ np.array(site.axis)  # [n]
+        # The distance from the axis by Pythagoras, squared.
         squared = np.einsum("ij,ij->i", offset, offset) - along * along
         is_end = (np.abs(along) > site.length / 2 - _RECESS_DEPTH) & (site.fit is Fit.HOLE)
         radius = HOLE_RADIUS + margin + recess * is_end
-        inside |= (squared < radius**2) & (np.abs(along) < site.length / 2 + 0.5)
+        is_beside = np.abs(along) < site.length / 2 + 0.5
+        inside |= (squared < radius**2) & is_beside
     return inside

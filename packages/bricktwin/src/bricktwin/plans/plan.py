@@ -16,9 +16,13 @@ from bricktwin.plans.geometry import Floats, Triple, triple
 from bricktwin.plans.ldraw_file import Document, LineFault, Marks, Model, Reference
 from bricktwin.plans.part import Device, DeviceKind, Part
 
+# Limits of what a file can ask for: a few lines of sub-models in sub-models are millions of parts.
 MAX_PARTS = 10_000
+"""Number of parts and sub-models that lines place."""
 MAX_DEPTH = 16
+"""Number of sub-models in each other."""
 _MAIN_COLOUR = 16
+"""LDraw's code of the colour that a model gets where it is placed."""
 _STRETCHED = "'{}' is stretched; place it without scaling"
 
 
@@ -54,6 +58,7 @@ class Placed(Marks):
 
     def to_part(self, points: Floats) -> Floats:
         """Points [n, 3] from the plan's frame to the part's."""
+        # The inverse of a rotation is its transpose: of rows of points, it is not transposed.
         return np.asarray((points - self.position) @ self.rotation)
 
     @functools.cached_property
@@ -74,13 +79,18 @@ class Placed(Marks):
 
     def with_marks_of(self, reference: Reference) -> "Placed":
         """A motor or sensor with what a comment before its sub-model says of it."""
-        stops_deg = self.stops_deg if reference.stops_deg is None else reference.stops_deg
-        if reference.port is None:
-            return replace(self, stops_deg=stops_deg)
-        port = reference.port
-        device = reference.device
-        angle_deg = reference.angle_deg
-        return replace(self, port=port, device=device, angle_deg=angle_deg, stops_deg=stops_deg)
+        marked = self
+        if reference.stops_deg is not None:
+            marked = replace(marked, stops_deg=reference.stops_deg)
+        # A name and an angle are said with a port only.
+        if reference.port is not None:
+            marked = replace(
+                marked,
+                port=reference.port,
+                device=reference.device,
+                angle_deg=reference.angle_deg,
+            )
+        return marked
 
     @property
     def electric(self) -> Device:
@@ -165,14 +175,19 @@ class Plan:
         if not step.assembly:
             return ("", step.index)
         colours = (self.parts[part].colour for part in sorted(self.present_parts(step)))
-        return (step.assembly[-1].rpartition(":")[0], step.number, *colours)
+        # Without its line, which tells apart the copies of one model.
+        model = step.assembly[-1].rpartition(":")[0]
+        return (model, step.number, *colours)
 
     @property
     def different_steps(self) -> dict[Step, int]:
         """The steps in order, each with how often it is done: a sub-assembly that is built several
         times is there once."""
         kinds = [self.kind_of(step) for step in self.steps]
-        return {self.steps[kinds.index(kind)]: times for kind, times in Counter(kinds).items()}
+        first_steps: dict[tuple[object, ...], Step] = {}
+        for kind, step in zip(kinds, self.steps, strict=True):
+            first_steps.setdefault(kind, step)
+        return {first_steps[kind]: times for kind, times in Counter(kinds).items()}
 
     @property
     def mass_g(self) -> float:
@@ -192,7 +207,15 @@ def make_plan(document: Document, path: Path | None = None) -> Plan:
     read."""
     builder = _Builder(document, SubModels(document, path))
     # The robot itself stands where the plan's origin is.
-    at_origin = Reference(_MAIN_COLOUR, np.eye(3), np.zeros(3), "", 0, 0, False)
+    at_origin = Reference(
+        _MAIN_COLOUR,
+        np.eye(3),
+        np.zeros(3),
+        "",
+        0,
+        0,
+        False,
+    )
     builder.build(document.main, at_origin, ())
     builder.join_pieces()
     unknown = []
@@ -228,19 +251,29 @@ class SubModels:
         path: of its file; ``None`` if there is nothing beside it.
     """
 
-    def __init__(self, document: Document, path: Path | None) -> None:
+    def __init__(
+        self,
+        document: Document,
+        path: Path | None,
+    ) -> None:
         self._document = document
         self._path = path
         self._beside = None if path is None else ldraw_text.Beside(path)
         self._files: dict[Path, Document] = {}
+        # By identity: a model can be changed, so that it has no hash.
         self._owners: dict[int, tuple[Document, Path]] = {}
         """Of each model in another file than the plan, by its identity: the document and the
         file."""
 
-    def find(self, name: str, user: Model) -> Model | None:
+    def find(
+        self,
+        name: str,
+        user: Model,
+    ) -> Model | None:
         """The model of that name, as a line of the model ``user`` places it; ``None`` if there is
         none."""
         document, file = self._owners.get(id(user), (self._document, self._path))
+        # In the same file first, and what is a known part is not looked for among files.
         inside = document.models.get(ldraw_text.key_of(name))
         if inside is not None or self._beside is None or file is None or is_known(name):
             return inside
@@ -263,30 +296,41 @@ class SubModels:
     def _main_of(self, path: Path) -> Model:
         """The first model of a file."""
         path = path.resolve()
+        # The plan itself, which is a cycle: the same model again shows it (`_refuse_cycle`).
         if self._path is not None and path == self._path.resolve():
             return self._document.main
         if path not in self._files:
-            if len(self._files) >= ldraw_text.MAX_FILES:
-                raise PlanError(
-                    f"{self._path} is made of more than {ldraw_text.MAX_FILES} files; join some "
-                    "into one .mpd"
-                )
-            document = ldraw_file.parse_any(ldraw_text.read_text(path), str(path))
-            # Of a file without a line.
-            document.models.setdefault("", Model(path.name, 0))
-            self._files[path] = document
-            self._owners |= {id(model): (document, path) for model in document.models.values()}
+            self._read(path)
         document = self._files[path]
+        # As in the plan, the main model is the first that places something.
         for model in document.models.values():
             if model.references:
                 return model
         return document.main
 
+    def _read(self, path: Path) -> None:
+        """Read another file than the plan's."""
+        if len(self._files) >= ldraw_text.MAX_FILES:
+            raise PlanError(
+                f"{self._path} is made of more than {ldraw_text.MAX_FILES} files; join some "
+                "into one .mpd"
+            )
+        document = ldraw_file.parse_any(ldraw_text.read_text(path), str(path))
+        # A file without a line has a model too, which has no parts.
+        document.models.setdefault("", Model(path.name, 0))
+        self._files[path] = document
+        for model in document.models.values():
+            self._owners[id(model)] = (document, path)
+
 
 class _Builder:
     """Recursive expansion of a document's models."""
 
-    def __init__(self, document: Document, models: SubModels) -> None:
+    def __init__(
+        self,
+        document: Document,
+        models: SubModels,
+    ) -> None:
         self.document = document
         self.models = models
         self.parts: list[Placed] = []
@@ -302,7 +346,12 @@ class _Builder:
         self._open: list[Model] = []
         """The models that are being built, each placed by the one before it."""
 
-    def build(self, model: Model, place: Reference, assembly: tuple[str, ...]) -> tuple[int, ...]:
+    def build(
+        self,
+        model: Model,
+        place: Reference,
+        assembly: tuple[str, ...],
+    ) -> tuple[int, ...]:
         """Add the parts and steps of a model at its place. Returns the indices of its parts."""
         if len(assembly) > MAX_DEPTH:
             raise PlanError(
@@ -311,43 +360,98 @@ class _Builder:
             )
         self._open.append(model)
         first = len(self.parts)
-        file = self.models.file_of(model)
-        # A ghost is seen only where its own model is the main one.
+        lines = self._located_lines(model, place, assembly)
+        self._add_faults(self.models.file_of(model), place.line)
+        for number, lines_of_step in itertools.groupby(lines, lambda line: line[1].step):
+            self._build_step(
+                model,
+                number,
+                list(lines_of_step),
+                assembly,
+            )
+        self._open.pop()
+        # What sub-models have added lies in between: they are built before the next line.
+        return tuple(range(first, len(self.parts)))
+
+    def _located_lines(
+        self,
+        model: Model,
+        place: Reference,
+        assembly: tuple[str, ...],
+    ) -> list[tuple[int, Reference]]:
+        """The lines of a model at its place, each with its number in its own file."""
+        # MLCad shows a ghost only where its own model is the main one.
+        is_sub_model = bool(assembly)
         lines_here = [
-            reference for reference in self._lines(model) if not (reference.is_ghost and assembly)
+            reference
+            for reference in self._lines(model)
+            if not (reference.is_ghost and is_sub_model)
         ]
-        references = []
+        is_elsewhere = bool(self.models.file_of(model))
+        lines: list[tuple[int, Reference]] = []
         for reference in composed(lines_here):
             # What is in another file is named by the line of the plan that places that file.
-            line = place.line if file else reference.line
-            located = replace(_located(reference, place), line=line)
-            references.append((reference.line, located))
-        self._add_faults(file, place.line)
-        for number, group in itertools.groupby(references, lambda pair: pair[1].step):
-            lines = [(own_line, ref, self._assembly(ref, model)) for own_line, ref in group]
-            for own_line, ref, inner in lines:
-                if inner is not None:
-                    self._refuse_cycle(inner, model, own_line, ref.name)
-            joined = [
-                self._join(ref, inner, (*assembly, f"{inner.name}:{own_line}"))
-                for own_line, ref, inner in lines
-                if inner is not None
-            ]
-            step = len(self.steps)
-            groups = tuple(group for group in joined if len(group) > 1)
-            placed = [
-                self._place(ref, step, assembly, model) for _, ref, inner in lines if inner is None
-            ]
-            new = tuple(part.index for part in placed if part is not None)
-            # Nothing is assembled of one part.
-            for part in [group[0] for group in joined if len(group) == 1]:
+            line = place.line if is_elsewhere else reference.line
+            lines.append((reference.line, replace(_located(reference, place), line=line)))
+        return lines
+
+    def _build_step(
+        self,
+        model: Model,
+        number: int,
+        lines: list[tuple[int, Reference]],
+        assembly: tuple[str, ...],
+    ) -> None:
+        """Add the parts of a step of a model, after the steps of the sub-models that it joins."""
+        inner_models = [self._assembly(reference, model) for _, reference in lines]
+        # All lines first: a cycle would not end, and its error names the line that closes it.
+        for (own_line, reference), inner in zip(lines, inner_models, strict=True):
+            if inner is not None:
+                self._refuse_cycle(
+                    inner,
+                    model,
+                    own_line,
+                    reference.name,
+                )
+        # Sub-models are built before the step that puts them in place.
+        joined: list[tuple[int, ...]] = []
+        for (own_line, reference), inner in zip(lines, inner_models, strict=True):
+            if inner is not None:
+                inner_assembly = (*assembly, f"{inner.name}:{own_line}")
+                joined.append(self._join(reference, inner, inner_assembly))
+        step = len(self.steps)
+        new: list[int] = []
+        for (_, reference), inner in zip(lines, inner_models, strict=True):
+            if inner is None:
+                placed = self._place(
+                    reference,
+                    step,
+                    assembly,
+                    model,
+                )
+                if placed is not None:
+                    new.append(placed.index)
+        groups: list[tuple[int, ...]] = []
+        for group in joined:
+            if len(group) > 1:
+                groups.append(group)
+            elif group:
+                # Nothing is assembled of one part: it is a part of this step.
+                part = group[0]
                 self.parts[part] = replace(self.parts[part], step=step, assembly=assembly)
-                new = (*new, part)
-            if new or groups:
-                note = " ".join(model.notes.get(number, ()))
-                self.steps.append(Step(step, new, groups, assembly, number, note))
-        self._open.pop()
-        return tuple(range(first, len(self.parts)))
+                new.append(part)
+        if new or groups:
+            note = " ".join(model.notes.get(number, ()))
+            self.steps.append(
+                Step(
+                    step,
+                    tuple(new),
+                    tuple(groups),
+                    assembly,
+                    number,
+                    note,
+                )
+            )
 
     def join_pieces(self) -> None:
         """Join the pieces of parts that are in other models than their parts, such as a battery in
@@ -374,7 +478,13 @@ class _Builder:
             else:
                 del self.unknown[number]
 
-    def _refuse_cycle(self, inner: Model, user: Model, line: int, name: str) -> None:
+    def _refuse_cycle(
+        self,
+        inner: Model,
+        user: Model,
+        line: int,
+        name: str,
+    ) -> None:
         """Raise PlanError where a line of the model ``user`` places a model that it is part of."""
         if any(model is inner for model in self._open):
             file = self.models.file_of(user) or self.document.path
@@ -392,7 +502,11 @@ class _Builder:
             else:
                 yield reference
 
-    def _add_faults(self, file: str, line: int) -> None:
+    def _add_faults(
+        self,
+        file: str,
+        line: int,
+    ) -> None:
         """Add the lines of another file that are left out, once, with the line that places the
         file."""
         if file and file not in self._files:
@@ -402,7 +516,11 @@ class _Builder:
                 LineFault(line, f"in {file}, line {fault.line}: {fault.text}") for fault in faults
             ]
 
-    def _assembly(self, reference: Reference, user: Model) -> Model | None:
+    def _assembly(
+        self,
+        reference: Reference,
+        user: Model,
+    ) -> Model | None:
         """The sub-model that a line of the model ``user`` places, or ``None`` for a part."""
         model = self.models.find(reference.name, user)
         if model is None or model.is_shape:
@@ -410,7 +528,8 @@ class _Builder:
         # A part of the catalogue may be embedded in the file, with its shape.
         if catalogue.find(reference.name) or self._is_drawn(model):
             return None
-        # Of primitives, without a header.
+        # A part that the catalogue does not know, made of primitives, and without a header that
+        # declares it.
         is_part = reference.name.lower().endswith(".dat") and not self._holds_parts(model)
         return None if is_part else model
 
@@ -427,28 +546,40 @@ class _Builder:
 
     def _holds_parts(self, model: Model) -> bool:
         """Whether a model has parts of the catalogue, or sub-models that are no embedded shapes."""
-        inner = [self.models.find(part.name, model) for part in model.references]
-        is_assembly = any(
-            one and not one.is_shape and not (one.is_drawn and not one.references) for one in inner
-        )
-        names = [part.name for part in model.references]
-        return is_assembly or any(is_known(name) or is_piece(name) for name in names)
+        found = [self.models.find(part.name, model) for part in model.references]
+        for inner in found:
+            if inner is None or inner.is_shape:
+                continue
+            # One that is drawn and places nothing is a piece, no sub-model.
+            is_drawn_piece = inner.is_drawn and not inner.references
+            if not is_drawn_piece:
+                return True
+        for part in model.references:
+            # A piece, as a battery is one of a hub, makes an assembly too (`join_pieces`).
+            if is_known(part.name) or is_piece(part.name):
+                return True
+        return False
 
     def _join(
-        self, reference: Reference, model: Model, assembly: tuple[str, ...]
+        self,
+        reference: Reference,
+        model: Model,
+        assembly: tuple[str, ...],
     ) -> tuple[int, ...]:
+        """Build a sub-model that a line places. Returns the indices of its parts."""
         self._count(reference)
-        # So would be all of its parts.
+        # A stretched sub-model is left out whole: all of its parts would be stretched.
         if reference.is_stretched:
             self.faults.append(LineFault(reference.line, _STRETCHED.format(reference.name)))
             return ()
-        steps = len(self.steps)
+        steps_before = len(self.steps)
         parts = self.build(model, reference, assembly)
         if not model.references:
             text = f"'{reference.name}' has no parts; draw some in it, or remove this line"
             self.faults.append(LineFault(reference.line, text))
+        # One part needs no steps of its own: it belongs to the step that places it.
         if len(parts) == 1:
-            del self.steps[steps:]
+            del self.steps[steps_before:]
         if reference.is_free or reference.is_fixed or reference.ball is not None:
             raise self._fault(
                 reference,
@@ -456,25 +587,40 @@ class _Builder:
             )
         # Of two equal sub-models, each has a port and stops of its own.
         if reference.port is not None or reference.stops_deg is not None:
-            devices = [
-                self.parts[part] for part in parts if self.parts[part].part.device is not None
-            ]
-            devices = [placed for placed in devices if placed.electric.kind is not DeviceKind.HUB]
-            if len(devices) != 1:
-                text = (
-                    f"'{reference.name}' has {len(devices)} motors and sensors; write PORT "
-                    "before a motor or sensor in it"
-                )
-                raise self._fault(reference, text)
-            self.parts[devices[0].index] = devices[0].with_marks_of(reference)
+            device = self._only_device(reference, parts)
+            self.parts[device.index] = device.with_marks_of(reference)
         return parts
 
+    def _only_device(
+        self,
+        reference: Reference,
+        parts: tuple[int, ...],
+    ) -> Placed:
+        """The motor or sensor in a sub-model. Raises PlanError if there is none, or more than
+        one."""
+        placed_parts = [self.parts[part] for part in parts]
+        electric = [placed for placed in placed_parts if placed.part.device is not None]
+        devices = [placed for placed in electric if placed.electric.kind is not DeviceKind.HUB]
+        if len(devices) != 1:
+            text = (
+                f"'{reference.name}' has {len(devices)} motors and sensors; write PORT "
+                "before a motor or sensor in it"
+            )
+            raise self._fault(reference, text)
+        return devices[0]
+
     def _place(
-        self, reference: Reference, step: int, assembly: tuple[str, ...], model: Model
+        self,
+        reference: Reference,
+        step: int,
+        assembly: tuple[str, ...],
+        model: Model,
     ) -> Placed | None:
+        """Add the part that a line places; ``None`` if it is unknown, drawn or left out."""
         self._count(reference)
         part = catalogue.find(reference.name)
         if part is None:
+            # A cable is one piece; its segments, in a model that is drawn, are no pieces at all.
             if self._is_drawn(self.models.find(reference.name, model)):
                 self.drawn.append(reference.line)
             elif not model.is_drawn:
@@ -495,11 +641,11 @@ class _Builder:
                 )
                 self.faults.append(LineFault(reference.line, text))
                 return None
+            # The part's own mirror image first, which changes nothing: two reflections are a turn.
             rotation = rotation * part.mirror
             marks["ball"] = None
             if reference.ball is not None:
                 marks["ball"] = triple(np.array(reference.ball) * part.mirror)
-        line = reference.line
         placed = Placed(
             len(self.parts),
             part,
@@ -507,7 +653,7 @@ class _Builder:
             rotation,
             reference.offset,
             step,
-            line,
+            reference.line,
             assembly,
             **marks,
         )
@@ -517,11 +663,16 @@ class _Builder:
         return placed
 
     def _count(self, reference: Reference) -> None:
+        """Count a line that is followed. Raises PlanError if there are too many."""
         self._visits += 1
         if self._visits > MAX_PARTS:
             raise self._fault(reference, f"more than {MAX_PARTS} parts; split the plan")
 
-    def _fault(self, reference: Reference, text: str) -> PlanError:
+    def _fault(
+        self,
+        reference: Reference,
+        text: str,
+    ) -> PlanError:
         return PlanError(f"{self.document.path}, line {reference.line}: {text}")
 
 
@@ -530,4 +681,9 @@ def _located(reference: Reference, place: Reference) -> Reference:
     colour = place.colour if reference.colour == _MAIN_COLOUR else reference.colour
     matrix = place.matrix @ reference.matrix
     offset = place.matrix @ reference.offset + place.offset
-    return replace(reference, colour=colour, matrix=matrix, offset=offset)
+    return replace(
+        reference,
+        colour=colour,
+        matrix=matrix,
+        offset=offset,
+    )

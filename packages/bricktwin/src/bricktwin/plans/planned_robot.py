@@ -30,20 +30,16 @@ class PlannedRobot:
 
     def device(self, port: str) -> Placed:
         """The motor or sensor on a port of the plan."""
-        return next(
-            placed
-            for placed in self.plan.devices(DeviceKind.MOTOR, DeviceKind.SENSOR)
-            if placed.port == port
-        )
+        devices = self.plan.devices(DeviceKind.MOTOR, DeviceKind.SENSOR)
+        return next(placed for placed in devices if placed.port == port)
 
     @property
     def rolling(self) -> list[tuple[Drive, Wheel]]:
         """The motors that drive wheels, with the leftmost of each motor's wheels."""
         rolling = []
         for drive in self.articulation.drives:
-            wheels = [
-                wheel for wheel in self.articulation.wheels if wheel.link == drive.joint.child
-            ]
+            driven_body = drive.joint.child
+            wheels = [wheel for wheel in self.articulation.wheels if wheel.link == driven_body]
             if wheels:
                 leftmost = max(wheels, key=lambda wheel: float(wheel.centre_m[1]))
                 rolling.append((drive, leftmost))
@@ -63,6 +59,7 @@ def planned_robot(path: Path) -> PlannedRobot:
 
 @functools.lru_cache(maxsize=16)
 def _planned(path: Path, _sources: tuple[bytes, ...]) -> PlannedRobot:
+    # By its sources too, as a file may be changed while a program runs.
     return planned(read_plan(path))
 
 
@@ -102,7 +99,12 @@ _LEAST_WAY_DEG = 5.0
 
 
 @functools.lru_cache(maxsize=64)
-def free_deg(planned: PlannedRobot, port: str, low: float, high: float) -> tuple[float, float]:
+def free_deg(
+    planned: PlannedRobot,
+    port: str,
+    low: float,
+    high: float,
+) -> tuple[float, float]:
     """Collision-free range of a motor's angle within ``low`` and ``high``, degrees; other motors as
     in the plan.
 
@@ -130,7 +132,12 @@ def stops_deg(planned: PlannedRobot, port: str) -> tuple[float, float] | None:
         return None
     start = planned.device(port).angle_deg
     turn = 360.0 * abs(drive.gear)
-    low, high = free_deg(planned, port, start - turn, start + turn)
+    low, high = free_deg(
+        planned,
+        port,
+        start - turn,
+        start + turn,
+    )
     is_all_around = low <= start - turn or high >= start + turn
     # What can hardly move is drawn too closely: real parts have more room.
     is_locked = high - low < _LEAST_WAY_DEG * abs(drive.gear)
@@ -149,7 +156,11 @@ def carried_by(articulation: Articulation, drive: Drive) -> set[int]:
 class _Sweep:
     """Collision test of the parts that a motor moves."""
 
-    def __init__(self, planned: PlannedRobot, drive: Drive) -> None:
+    def __init__(
+        self,
+        planned: PlannedRobot,
+        drive: Drive,
+    ) -> None:
         articulation = planned.articulation
         motor = planned.device(drive.port)
         sites = tuple(site for site in motor.part.sites if not site.turns)
@@ -193,10 +204,12 @@ class _Sweep:
         return travel_deg
 
     def _is_clear(self, angle_deg: float) -> bool:
+        """Whether what is moved, turned by an angle of the driven part, meets nothing."""
         turn = rotation(self._axis, math.radians(angle_deg))
         parts = list(self._parts)
         for index in self._moved:
             placed = parts[index]
             position = turn @ (placed.position - self._point) + self._point
             parts[index] = replace(placed, rotation=turn @ placed.rotation, position=position)
+        # Parts know their bounds and samples: only the moved ones are computed anew.
         return Occupancy(parts).is_free(self._moved, self._others, np.zeros(3))

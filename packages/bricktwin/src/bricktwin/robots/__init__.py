@@ -22,9 +22,15 @@ __all__ = ["BENCH", "CART", "ROBOTS", "ROBO_ARM", "SCOUT", "TWO_WHEELER", "WALKE
 TWO_WHEELER = Robot(
     name="two-wheeler",
     hub=HubKind.PRIME,
+    # The two motors are mirrored: the same turn of both, seen from outside, would spin the robot.
     motors=(Motor("left", "E", direction=Direction.COUNTERCLOCKWISE), Motor("right", "A")),
     sensors=(UltrasonicSensor("eyes", "C"),),
-    drive_base=DriveBase("left", "right", wheel_diameter_mm=56, axle_track_mm=130),
+    drive_base=DriveBase(
+        "left",
+        "right",
+        wheel_diameter_mm=56,
+        axle_track_mm=130,
+    ),
     needs_imu=True,
     model="bricktwin.robots.plans:two_wheeler.ldr",
 )
@@ -35,7 +41,12 @@ SCOUT = replace(
     name="scout",
     sensors=(
         *TWO_WHEELER.sensors,
-        PoweredUpSensor("light", "B", SensorKind.COLOR, Mount((56.0, 0.0, 18.0), "down")),
+        PoweredUpSensor(
+            "light",
+            "B",
+            SensorKind.COLOR,
+            Mount((56.0, 0.0, 18.0), "down"),
+        ),
     ),
 )
 """The scout: a 2Wheeler with a color sensor that faces the floor in front of its axle."""
@@ -44,8 +55,20 @@ CART = Robot(
     name="cart",
     hub=KitKind.DOUBLE_MOTOR,
     motors=(Motor("left", "A", direction=Direction.COUNTERCLOCKWISE), Motor("right", "B")),
-    sensors=(PoweredUpSensor("light", "C", SensorKind.COLOR, Mount((56.0, 0.0, 18.0), "down")),),
-    drive_base=DriveBase("left", "right", wheel_diameter_mm=56, axle_track_mm=112),
+    sensors=(
+        PoweredUpSensor(
+            "light",
+            "C",
+            SensorKind.COLOR,
+            Mount((56.0, 0.0, 18.0), "down"),
+        ),
+    ),
+    drive_base=DriveBase(
+        "left",
+        "right",
+        wheel_diameter_mm=56,
+        axle_track_mm=112,
+    ),
     needs_imu=True,
 )
 """The cart of LEGO's kits of 2026: wheels on a Double Motor, a ball caster, and a Color Sensor that
@@ -64,6 +87,7 @@ WALKER = Robot(
     sensors=(UltrasonicSensor("eyes", "E"),),
     needs_imu=True,
     model="bricktwin.robots.plans:walker.ldr",
+    # What is learned on one side of the body holds on the other.
     mirrored=(("left_front", "right_front"), ("left_back", "right_back")),
 )
 """The Walker: four legs on cranks, a motor for each, and an ultrasonic sensor facing forward."""

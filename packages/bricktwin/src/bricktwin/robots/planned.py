@@ -34,9 +34,13 @@ if TYPE_CHECKING:
 
 # How far a description and its plan may be apart.
 _WHEEL_TOLERANCE_MM = 0.5
+"""Of a wheel's diameter."""
 _TRACK_TOLERANCE_MM = 2.0
+"""Of the distance between the wheels."""
 _RATIO_TOLERANCE = 0.01
+"""Of a gear ratio, as a share of it."""
 _ALIGNED_COSINE = 0.999
+"""Cosine of the largest angle, 2.6 degrees, at which a side of the hub looks along an axis."""
 _Mistake = tuple[int, str, str]
 """Line in the plan's file, 0 for the whole plan; name; what is wrong and what to do."""
 
@@ -91,7 +95,7 @@ def read_facts(path: Path) -> PlanFacts:
     something has no twin."""
 
     def made() -> PlanFacts:
-        # It takes longer to import than kept facts to read.
+        # Here, as the import takes longer than reading kept facts.
         from bricktwin.plans.planned_robot import planned_robot
 
         return facts_of(planned_robot(path))
@@ -110,15 +114,12 @@ def facts_of(design: PlannedRobot) -> PlanFacts:
     from bricktwin.plans.part import DeviceKind
 
     trains = {train.port: train for train in design.trains}
-    wheels = {
+    wheels: dict[str, tuple[float, float, bool]] = {}
+    for drive, wheel in design.rolling:
+        left_m = float(wheel.centre_m[1])
         # Turning about +y, to the left, rolls forwards.
-        drive.port: (
-            wheel.diameter_mm,
-            float(wheel.centre_m[1]),
-            float(drive.joint.axis[1]) * drive.gear > 0,
-        )
-        for drive, wheel in design.rolling
-    }
+        is_forward = float(drive.joint.axis[1]) * drive.gear > 0
+        wheels[drive.port] = (wheel.diameter_mm, left_m, is_forward)
 
     def facts(placed: Placed) -> DeviceFacts:
         # In the part's frame its top is -y, as the plan's y points down, and its front is z.
@@ -139,22 +140,36 @@ def facts_of(design: PlannedRobot) -> PlanFacts:
         stops_deg = placed.stops_deg or ()
         driven = (gears, ratio, *wheels.get(port, ()))
         return DeviceFacts(
-            name, part, placed.line, port, placed.device, tuple(sides), stops_deg, *driven
+            name,
+            part,
+            placed.line,
+            port,
+            placed.device,
+            tuple(sides),
+            stops_deg,
+            *driven,
         )
 
-    return PlanFacts(
-        *([facts(placed) for placed in design.plan.devices(kind)] for kind in DeviceKind)
+    hubs, motors, sensors = (
+        [facts(placed) for placed in design.plan.devices(kind)]
+        for kind in (DeviceKind.HUB, DeviceKind.MOTOR, DeviceKind.SENSOR)
     )
+    return PlanFacts(hubs, motors, sensors)
 
 
 def _decoded(data: bytes) -> PlanFacts:
-    return PlanFacts(*([_device(row) for row in rows] for rows in json.loads(data)))
+    """Facts that were kept."""
+    hubs, motors, sensors = ([_device(row) for row in rows] for rows in json.loads(data))
+    return PlanFacts(hubs, motors, sensors)
 
 
 def _device(row: Sequence[Any]) -> DeviceFacts:
     facts = DeviceFacts(*row)
+    # JSON has lists only; facts that were kept equal those that were just made.
     return facts._replace(
-        sides=tuple(facts.sides), stops_deg=tuple(facts.stops_deg), gears=tuple(facts.gears)
+        sides=tuple(facts.sides),
+        stops_deg=tuple(facts.stops_deg),
+        gears=tuple(facts.gears),
     )
 
 
@@ -169,7 +184,8 @@ def plan_file(model: str) -> Path | None:
     package, _, file = model.rpartition(":")
     if not is_plan(file):
         return None
-    if len(package) < 2:  # one letter is the drive of a path of Windows
+    # One letter is the drive of a path of Windows.
+    if len(package) < 2:
         return Path(model)
     try:
         return Path(str(resources.files(package))) / file
@@ -224,6 +240,7 @@ def robot_of_plan(
         PlanError: the plan cannot be read.
         DescriptionError: the plan has no hub of ours, or contradicts what is said here.
     """
+    # A file that is named otherwise may be a plan all the same; reading it will tell.
     file = plan_file(str(path)) or Path(path)
     design = read_facts(file)
     if hub is None:
@@ -269,6 +286,7 @@ def completed(robot: Robot) -> Robot:
         robot.hub_sides,
     )
     whole = _completed(description, read_facts(path), path)
+    # Without the plan, which has said all that it can.
     return replace(
         robot,
         motors=whole.motors,
@@ -281,27 +299,36 @@ def completed(robot: Robot) -> Robot:
 
 
 def _hub_of(path: Path, design: PlanFacts) -> HubKind:
-    hub = design.hubs[0] if design.hubs else None
+    """The kind of the plan's hub, of several the first. Raises DescriptionError if it has none of
+    ours."""
     kinds = {kind.value: kind for kind in HubKind}
-    if hub is None or hub.name not in kinds:
-        raise DescriptionError(
-            f"{path} has {'no hub' if hub is None else hub.part}; a robot needs one that runs "
-            "Pybricks"
-        )
-    return kinds[hub.name]
+    found = "no hub"
+    if design.hubs:
+        hub = design.hubs[0]
+        if hub.name in kinds:
+            return kinds[hub.name]
+        # Such as that of EV3.
+        found = hub.part
+    raise DescriptionError(f"{path} has {found}; a robot needs one that runs Pybricks")
 
 
 def _name_of(path: Path) -> str:
+    """A name for the robot of a file, which is an identifier."""
     stem = "".join(letter if letter.isalnum() else "_" for letter in path.stem)
     return stem if stem.isidentifier() else f"robot_{stem}"
 
 
-def _completed(robot: _Description, design: PlanFacts, path: Path) -> _Description:
+def _completed(
+    robot: _Description,
+    design: PlanFacts,
+    path: Path,
+) -> _Description:
     """A description with what only its plan says. Raises DescriptionError if the plan contradicts
     it."""
     kinds = {kind.value for kind in (*MotorKind, *SensorKind)}
     for part in (*design.motors, *design.sensors):
-        if part.name not in kinds:  # as those of EV3
+        # Such as those of EV3.
+        if part.name not in kinds:
             where = f"{path}, line {part.line}"
             raise DescriptionError(
                 f"{where}: no hub of ours runs {part.part}; take a motor or sensor of Powered Up "
@@ -309,26 +336,45 @@ def _completed(robot: _Description, design: PlanFacts, path: Path) -> _Descripti
             )
     motors = _motors(robot, design, path)
     sensors = _sensors(robot, design, path)
+    # After the motors, which have their ports now, by which the plan knows their wheels.
     base = robot.drive_base
     if base is not None and not (base.wheel_diameter_mm and base.axle_track_mm):
-        base = _with_wheels(base, robot.name, motors, design, path)
+        base = _with_wheels(
+            base,
+            robot.name,
+            motors,
+            design,
+            path,
+        )
     sides = robot.hub_sides
     # Only what reads the hub's IMU must know how the hub lies.
     if robot.needs_imu and not sides:
         sides = design.hub_sides
-    completed = robot._replace(motors=motors, sensors=sensors, drive_base=base, hub_sides=sides)
+    completed = robot._replace(
+        motors=motors,
+        sensors=sensors,
+        drive_base=base,
+        hub_sides=sides,
+    )
+    # What the plan has filled in agrees with it; what the description said itself may not.
     _raise_first(disagreements(completed, design), path)
     return completed
 
 
 def _with_wheels(
-    base: DriveBase, name: str, motors: tuple[Motor, ...], design: PlanFacts, path: Path
+    base: DriveBase,
+    name: str,
+    motors: tuple[Motor, ...],
+    design: PlanFacts,
+    path: Path,
 ) -> DriveBase:
     """A drive base with the wheel diameter and axle track of the plan, where it says none."""
+    # A drive base names its motors, a plan knows them by their ports.
     wheel_motors = {part.port: part for part in design.motors if part.wheel_mm}
-    driven = {
-        motor.name: wheel_motors[motor.port] for motor in motors if motor.port in wheel_motors
-    }
+    driven: dict[str, DeviceFacts] = {}
+    for motor in motors:
+        if motor.port in wheel_motors:
+            driven[motor.name] = wheel_motors[motor.port]
     for side in (base.left, base.right):
         if side not in driven:
             raise DescriptionError(
@@ -344,48 +390,84 @@ def _with_wheels(
     )
 
 
-def _motors(robot: _Description, design: PlanFacts, path: Path) -> tuple[Motor, ...]:
+def _motors(
+    robot: _Description,
+    design: PlanFacts,
+    path: Path,
+) -> tuple[Motor, ...]:
     """Motors of the description, then those that only the plan has."""
-    motors = [
-        replace(motor, port=motor.port or _port_of(motor.name, design.motors, robot.name, path))
-        for motor in robot.motors
-    ]
+    motors: list[Motor] = []
+    for motor in robot.motors:
+        port = motor.port or _port_of(
+            motor.name,
+            design.motors,
+            robot.name,
+            path,
+        )
+        motors.append(replace(motor, port=port))
     described = {motor.port for motor in motors}
     for part in design.motors:
         if part.port not in described:
             # Motors that only the plan has count up when the robot rolls forward.
             direction = Direction.CLOCKWISE if part.is_forward else Direction.COUNTERCLOCKWISE
             name = part.label or f"motor_{part.port.lower()}"
-            motors.append(Motor(name, part.port, MotorKind(part.name), direction))
+            motors.append(
+                Motor(
+                    name,
+                    part.port,
+                    MotorKind(part.name),
+                    direction,
+                )
+            )
     gears = {part.port: part.gears for part in design.motors}
-    geared = [replace(motor, gears=motor.gears or gears.get(motor.port, ())) for motor in motors]
     stops = {part.port: part.stops_deg for part in design.motors if part.stops_deg}
-    return tuple(_with_stops(motor, stops.get(motor.port)) for motor in geared)
+    completed_motors: list[Motor] = []
+    for motor in motors:
+        geared = replace(motor, gears=motor.gears or gears.get(motor.port, ()))
+        # With its gears, as stops are angles of the motor's shaft in a plan, and of its output in a
+        # description.
+        completed_motors.append(_with_stops(geared, stops.get(motor.port)))
+    return tuple(completed_motors)
 
 
 def _with_stops(motor: Motor, stops_deg: tuple[float, ...] | None) -> Motor:
     """A motor with the end stops of the plan, if it has none of its own."""
     if motor.end_stops_deg is not None or stops_deg is None:
         return motor
+    # Sorted, as a motor that counts the other way round swaps them.
     low, high = sorted(angle / motor.shaft_turns for angle in stops_deg)
     return replace(motor, end_stops_deg=(low, high))
 
 
-def _sensors(robot: _Description, design: PlanFacts, path: Path) -> tuple[Sensor, ...]:
-    parts = design.sensors
-    sensors = [
-        replace(sensor, port=sensor.port or _port_of(sensor.name, parts, robot.name, path))
-        for sensor in robot.sensors
-    ]
+def _sensors(
+    robot: _Description,
+    design: PlanFacts,
+    path: Path,
+) -> tuple[Sensor, ...]:
+    """Sensors of the description, then those that only the plan has."""
+    sensors: list[Sensor] = []
+    for sensor in robot.sensors:
+        port = sensor.port or _port_of(
+            sensor.name,
+            design.sensors,
+            robot.name,
+            path,
+        )
+        sensors.append(replace(sensor, port=port))
     described = {sensor.port for sensor in sensors}
-    others = [part for part in parts if part.port not in described]
+    others = [part for part in design.sensors if part.port not in described]
     for part in others:
         name = part.label or f"sensor_{part.port.lower()}"
         sensors.append(sensor_of(SensorKind(part.name), name, part.port))
     return tuple(sensors)
 
 
-def _port_of(name: str, parts: Sequence[DeviceFacts], robot: str, path: Path) -> str:
+def _port_of(
+    name: str,
+    parts: Sequence[DeviceFacts],
+    robot: str,
+    path: Path,
+) -> str:
     """Port of a named device in the plan."""
     for part in parts:
         if part.label == name:
@@ -421,8 +503,10 @@ def disagreements(robot: Robot | _Description, design: PlanFacts) -> Iterator[_M
                 "nothing; add it with 0 !BRICKSRL PORT"
             )
             yield 0, "wiring", text
+    # And the other way round: what the plan has, and the description has not.
+    described = {device.port for device in devices}
     for port, part in parts.items():
-        if port not in {device.port for device in devices}:
+        if port not in described:
             text = (
                 f"port {port} has {part.part} '{part.label or ''}', but for the robot {name} "
                 "nothing; make both agree"
@@ -433,19 +517,33 @@ def disagreements(robot: Robot | _Description, design: PlanFacts) -> Iterator[_M
         left = parts.get(ports.get(base.left, ""))
         right = parts.get(ports.get(base.right, ""))
         yield from _check_wheels(name, base, left, right)
-    if robot.needs_imu and design.hubs and not (design.hub_sides == sides and len(sides) == 2):
-        text = "the hub is at an angle, so its IMU cannot be read; turn it, or say needs_imu=False"
-        if len(design.hub_sides) == 2:
-            top, front = design.hub_sides
-            text = (
-                f"the hub's top looks {top} and its front {front}, but for the robot {name} "
-                f"{sides[0]} and {sides[1]}"
-            )
-            text += f"; turn it, or say hub_sides={design.hub_sides}"
-        yield design.hubs[0].line, "wiring", text
+    is_mounted_so = design.hub_sides == sides and len(sides) == 2
+    if robot.needs_imu and design.hubs and not is_mounted_so:
+        yield design.hubs[0].line, "wiring", _wrong_mount(name, sides, design.hub_sides)
 
 
-def _check_device(name: str, device: Motor | Sensor, part: DeviceFacts) -> Iterator[_Mistake]:
+def _wrong_mount(
+    name: str,
+    sides: tuple[str, ...],
+    planned_sides: tuple[str, ...],
+) -> str:
+    """What is wrong with how the hub lies in a plan, and what to do. ``sides``: of its top and its
+    front in the description."""
+    # Pybricks is told which of the hub's axes point up and forwards: it cannot lie in between.
+    if len(planned_sides) != 2:
+        return "the hub is at an angle, so its IMU cannot be read; turn it, or say needs_imu=False"
+    top, front = planned_sides
+    return (
+        f"the hub's top looks {top} and its front {front}, but for the robot {name} "
+        f"{sides[0]} and {sides[1]}; turn it, or say hub_sides={planned_sides}"
+    )
+
+
+def _check_device(
+    name: str,
+    device: Motor | Sensor,
+    part: DeviceFacts,
+) -> Iterator[_Mistake]:
     """Contradictions in name, kind and gears of a motor or sensor."""
     kind = device.kind.value
     label = f"port {device.port} has {part.part} '{part.label or ''}'"
@@ -464,6 +562,7 @@ def _check_device(name: str, device: Motor | Sensor, part: DeviceFacts) -> Itera
     elif isinstance(device, Motor) and device.gears and part.ratio:
         if device.gears[0] == device.gears[-1]:
             return
+        # Without its sign: teeth do not say which way the output turns.
         ratio = device.gears[0] / device.gears[-1]
         if abs(ratio - abs(part.ratio)) > _RATIO_TOLERANCE * ratio:
             teeth = " to ".join(map(str, part.gears)) or "no gears"
@@ -475,11 +574,15 @@ def _check_device(name: str, device: Motor | Sensor, part: DeviceFacts) -> Itera
 
 
 def _check_wheels(
-    name: str, base: DriveBase, left: DeviceFacts | None, right: DeviceFacts | None
+    name: str,
+    base: DriveBase,
+    left: DeviceFacts | None,
+    right: DeviceFacts | None,
 ) -> Iterator[_Mistake]:
     """Contradictions in a drive base: wheel diameter and axle track."""
     positions_m = []
     for side, part in ((base.left, left), (base.right, right)):
+        # A motor that the plan lacks is a mistake of its own (`disagreements`).
         if part is None:
             return
         if not part.wheel_mm or abs(part.wheel_mm - base.wheel_diameter_mm) > _WHEEL_TOLERANCE_MM:
@@ -489,6 +592,7 @@ def _check_wheels(
                 f"{name} says, but turns {turns}"
             )
             yield part.line, "wheels", f"{text}; use the wheel that is meant"
+            # A track between wheels that are not meant says nothing.
             return
         positions_m.append(part.wheel_left_m)
     track_mm = abs(positions_m[0] - positions_m[1]) * 1000
@@ -508,6 +612,7 @@ def check_named(plan: Plan) -> list[Finding]:
     """
     if plan.robot is None:
         return []
+    # Late, as the mechanism of a plan takes longer to import than kept facts to read.
     from bricktwin.plans.planned_robot import planned
 
     try:
@@ -550,6 +655,7 @@ def check_description(robot: Robot, path: Path) -> None:
     DescriptionError if the plan contradicts the description, PlanError if the plan cannot be
     read."""
     design = read_facts(path)
+    # A sensor that was added to the robot of a plan is no contradiction.
     ports = {part.port for part in design.sensors}
     sensors = tuple(sensor for sensor in robot.sensors if sensor.port in ports)
     compared = _Description(

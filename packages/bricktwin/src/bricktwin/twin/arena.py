@@ -149,7 +149,12 @@ def _built(arena: Arena) -> mujoco.MjSpec:
     if arena.half_size_m is not None:
         _add_walls(world, *arena.half_size_m)
     for number, contestant in enumerate(arena.robots):
-        _add_robot(spec, contestant, number, len(arena.robots))
+        _add_robot(
+            spec,
+            contestant,
+            number,
+            len(arena.robots),
+        )
     # Each model numbers its motors from 0; a group of its own opens one circuit alone.
     for group, actuator in enumerate(spec.actuators):
         actuator.group = group
@@ -199,7 +204,11 @@ def _add_robot(
     )
 
 
-def _add_walls(world: mujoco.MjsBody, half_x_m: float, half_y_m: float) -> None:
+def _add_walls(
+    world: mujoco.MjsBody,
+    half_x_m: float,
+    half_y_m: float,
+) -> None:
     """Add four walls around the floor."""
     for axis, half_m in enumerate((half_x_m, half_y_m)):
         for side, sign in ((1, "+"), (-1, "-")):
@@ -207,7 +216,13 @@ def _add_walls(world: mujoco.MjsBody, half_x_m: float, half_y_m: float) -> None:
             position[axis] = side * (half_m + _WALL_HALF_WIDTH_M)
             size = [half_x_m, half_y_m, _WALL_HALF_HEIGHT_M]
             size[axis] = _WALL_HALF_WIDTH_M
-            add_geom(world, f"wall_{axis}{sign}", position, size, _WALL_RGB)
+            add_geom(
+                world,
+                f"wall_{axis}{sign}",
+                position,
+                size,
+                _WALL_RGB,
+            )
 
 
 def _add_load(world: mujoco.MjsBody, load: Load) -> None:
@@ -263,7 +278,14 @@ class ArenaWorld:
         physics = physics or Physics()
         self.bodies: list[ArenaBody] = []
         for contestant, noise_seed in zip(arena.robots, seeds, strict=True):
-            self.bodies.append(ArenaBody(self, contestant, physics, noise_seed))
+            self.bodies.append(
+                ArenaBody(
+                    self,
+                    contestant,
+                    physics,
+                    noise_seed,
+                )
+            )
         # Loads are what their description says, whatever the physics of the robots.
         model = self.model
         loads: list[int] = []
@@ -274,7 +296,13 @@ class ArenaWorld:
             joint = model.joint(load.name)
             self._loads.append(int(joint.qposadr[0]))
         scaled = [body for body in range(model.nbody) if body not in loads]
-        set_physics(model, self._nominal, physics, self.bodies, scaled)
+        set_physics(
+            model,
+            self._nominal,
+            physics,
+            self.bodies,
+            scaled,
+        )
         self._settle()
 
     def _settle(self) -> None:
@@ -330,7 +358,11 @@ class ArenaWorld:
             poses.append(Pose(x_m, y_m, clockwise_deg(orientation)))
         return poses
 
-    def advance_for(self, number: int, time_ms: int) -> None:
+    def advance_for(
+        self,
+        number: int,
+        time_ms: int,
+    ) -> None:
         """Advance the world to ``time_ms`` for robot ``number``, after running all other hubs up to
         that time."""
         # Running another hub comes here again, for that hub: those that wait have a target.

@@ -125,7 +125,11 @@ def bind_motors(
     )
 
 
-def _tyres(model: mujoco.MjModel, robot: Robot, prefix: str) -> list[int]:
+def _tyres(
+    model: mujoco.MjModel,
+    robot: Robot,
+    prefix: str,
+) -> list[int]:
     """Geometries of the drive base's tyres, left and right; empty if there are none."""
     base = robot.drive_base
     if base is None:

@@ -50,7 +50,11 @@ def turn_joints(
             _close_loops(model, data, passive)
 
 
-def _close_loops(model: mujoco.MjModel, data: mujoco.MjData, passive: Sequence[int]) -> None:
+def _close_loops(
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    passive: Sequence[int],
+) -> None:
     """Gauss-Newton from the present angles."""
     addresses = model.jnt_qposadr[passive]
     dofs = model.jnt_dofadr[passive]
@@ -150,7 +154,13 @@ class Linkage:
             gear = self._gears.get(name, 1.0)
             wanted.append(angle / gear)
         changes = np.array(wanted) - data.qpos[addresses]
-        turn_joints(model, data, addresses, changes, self._passive)
+        turn_joints(
+            model,
+            data,
+            addresses,
+            changes,
+            self._passive,
+        )
         mujoco.mj_kinematics(model, data)
         self._turning.turn(model, data)
 
@@ -188,12 +198,21 @@ def _add_linkage(spec: mujoco.MjSpec, made: Articulation) -> dict[int, mujoco.Mj
         axes: Iterable[Floats] = np.eye(3) if joint.is_ball else [joint.axis]
         for number, axis in enumerate(axes):
             name = drives.get(joint, f"joint_{joint.child}_{number}")
-            body.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_HINGE, axis=axis)
+            body.add_joint(
+                name=name,
+                type=mujoco.mjtJoint.mjJNT_HINGE,
+                axis=axis,
+            )
         bodies.append(body)
         origins_m.append(joint.point_m)
 
     for geared in made.geared:
-        add_coupling(spec, geared, "", f"joint_{geared.joint.child}_0")
+        add_coupling(
+            spec,
+            geared,
+            "",
+            f"joint_{geared.joint.child}_0",
+        )
     for loop in made.loops:
         pin_m = triple(loop.point_m - origins_m[loop.parent])
         add_loop(
@@ -221,14 +240,21 @@ def _add_linkage(spec: mujoco.MjSpec, made: Articulation) -> dict[int, mujoco.Mj
     for number, follower in enumerate(made.followers):
         carrier = bodies[follower.body]
         axle_m = triple(follower.point_m - origins_m[follower.body])
-        body = add_spinner(carrier, number, follower, axle_m)
+        body = add_spinner(
+            carrier,
+            number,
+            follower,
+            axle_m,
+        )
         for part in follower.parts:
             body_of[part] = body
     return body_of
 
 
 def sensed_qpos(
-    body: MujocoBody, angles_deg: dict[str, float], tilt_deg: tuple[float, float]
+    body: MujocoBody,
+    angles_deg: dict[str, float],
+    tilt_deg: tuple[float, float],
 ) -> Floats:
     """Positions of all joints of the model, solved from ``body``'s present ones, which are changed.
 
@@ -288,7 +314,11 @@ def pose_at(body: MujocoBody, goal: Goal) -> None:
     body.update_visuals()
 
 
-def _stand(model: mujoco.MjModel, data: mujoco.MjData, tilt_deg: tuple[float, float]) -> None:
+def _stand(
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    tilt_deg: tuple[float, float],
+) -> None:
     """Tilt the chassis, and put the robot's lowest drawn point on the floor."""
     pitch, roll = map(math.radians, tilt_deg)
     data.qpos[0:3] = 0.0, 0.0, 1.0

@@ -98,7 +98,12 @@ def make_body(
         check_mujoco()
         from bricktwin.twin.mujoco_body import MujocoBody
 
-        return MujocoBody(robot, scene, physics or Physics(), seed)
+        return MujocoBody(
+            robot,
+            scene,
+            physics or Physics(),
+            seed,
+        )
 
     if scene.wall_distance_mm is not None or scene.ball or scene.objects:
         raise TwinError(

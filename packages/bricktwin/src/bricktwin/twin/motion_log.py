@@ -92,7 +92,9 @@ def record(
 
 
 def identification_commands(
-    interface: Interface, steps: int, rng: np.random.Generator
+    interface: Interface,
+    steps: int,
+    rng: np.random.Generator,
 ) -> NDArray[np.float64]:
     """Excitation commands for system identification; ``[steps, n_commands]``.
 
@@ -194,7 +196,11 @@ def _log(header: dict[str, Any], lines: list[dict[str, Any]]) -> RunLog:
     )
 
 
-def _table(lines: list[dict[str, Any]], name: str, columns: int) -> NDArray[np.float64]:
+def _table(
+    lines: list[dict[str, Any]],
+    name: str,
+    columns: int,
+) -> NDArray[np.float64]:
     """Numbers [lines, columns]."""
     values = np.array([line[name] for line in lines], dtype=np.float64)
     table = values.reshape(len(lines), columns)
@@ -239,7 +245,9 @@ def write_lines(path: Path, lines: Iterable[dict[str, Any]]) -> None:
 
 
 def read_lines(
-    path: Path, make: Callable[[dict[str, Any], list[dict[str, Any]]], _Log], writer: str
+    path: Path,
+    make: Callable[[dict[str, Any], list[dict[str, Any]]], _Log],
+    writer: str,
 ) -> _Log:
     """What is made of the header and the other lines of a file. Raises TwinError if the file cannot
     be read, or is no such log.
@@ -249,6 +257,11 @@ def read_lines(
             wrong with it.
         writer: the command that writes such files.
     """
-    with reading("the log", path, TwinError, f"give a file that `{writer}` wrote"):
+    with reading(
+        "the log",
+        path,
+        TwinError,
+        f"give a file that `{writer}` wrote",
+    ):
         header, *lines = [json.loads(line) for line in path.read_bytes().splitlines() if line]
         return make(header, lines)

@@ -73,7 +73,11 @@ def _choice_of(is_upper: Sequence[bool]) -> Callable[[float, float], float]:
 
 
 @functools.lru_cache(maxsize=8)
-def _compiled(robot: Robot, scene: Scene, _looks: Path | None) -> mujoco.MjModel:
+def _compiled(
+    robot: Robot,
+    scene: Scene,
+    _looks: Path | None,
+) -> mujoco.MjModel:
     """Compiled model, cached because a new body is made often and a copy takes a tenth of the time.
     Copy it before use."""
     return robot_model(robot, scene)
@@ -151,7 +155,14 @@ class MujocoBody:
         data = self.data
         root = bind_root(model, prefix)
         self._motors = bind_motors(model, data, self.robot, prefix)
-        self._sensors = bind_sensors(model, data, self.robot, self.scene, root, prefix)
+        self._sensors = bind_sensors(
+            model,
+            data,
+            self.robot,
+            self.scene,
+            root,
+            prefix,
+        )
         self.chassis = root.body
         self.moves = root.is_free
         self.base_address = root.address
@@ -161,7 +172,13 @@ class MujocoBody:
         imu = f"{prefix}imu"
         self._base: FloatingBase | FixedBase
         if self.moves:
-            self._base = FloatingBase(model, data, root.address, root.dof, imu)
+            self._base = FloatingBase(
+                model,
+                data,
+                root.address,
+                root.dof,
+                imu,
+            )
         else:
             self._base = FixedBase(model, data, imu)
         self._turning = TurningParts(model)
@@ -252,7 +269,12 @@ class MujocoBody:
         self._reset_blocks(rng)
         if self.moves:
             self._place(rng.uniform)
-        come_to_rest(self.model, self.data, [self], self.scene)
+        come_to_rest(
+            self.model,
+            self.data,
+            [self],
+            self.scene,
+        )
 
     def _check_starts(self) -> None:
         """Raise TwinError if the robot would be inside of an obstacle at an end of the ranges of
@@ -297,7 +319,11 @@ class MujocoBody:
         if self.scene.wall_distance_mm is not None:
             self.face_wall(draw(*self.scene.wall_distance_mm), heading_deg)
 
-    def face_wall(self, distance_mm: float, heading_deg: float) -> None:
+    def face_wall(
+        self,
+        distance_mm: float,
+        heading_deg: float,
+    ) -> None:
         """Put the robot on the floor with its first ultrasonic sensor at this distance from the
         scene's wall."""
         self.put(Pose(0.0, 0.0, heading_deg))
@@ -421,7 +447,11 @@ class MujocoBody:
         step = self._encoder_step_mdeg
         return math.floor(motors.positions[address] * mdeg_per_rad / step + 0.5) * step
 
-    def set_voltage(self, port: str, voltage_mv: int | None) -> None:
+    def set_voltage(
+        self,
+        port: str,
+        voltage_mv: int | None,
+    ) -> None:
         """Apply a voltage, at most the battery's; 0 shorts the motor (brake), ``None`` opens the
         circuit (coast)."""
         motors = self._motors
@@ -496,7 +526,11 @@ class MujocoBody:
                 nearest_mm = min(nearest_mm, distance_mm)
         return nearest_mm
 
-    def sensed(self, port: str, sense: Sense) -> Sensed:
+    def sensed(
+        self,
+        port: str,
+        sense: Sense,
+    ) -> Sensed:
         """Present stimulus of a sensor, from the world around it; reflected light has noise."""
         if sense is Sense.TILT:
             return self.tilt_deg()
@@ -589,7 +623,11 @@ SIDE_LOAD_OFFSET_M = (0.0, 0.048, 0.0)
 in the hub's axes."""
 
 
-def settle(model: mujoco.MjModel, data: mujoco.MjData, robots: Sequence[MujocoBody]) -> None:
+def settle(
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    robots: Sequence[MujocoBody],
+) -> None:
     """Let robots come to rest where they are put, with their motors held: play is taken up, feet
     find the floor."""
     # Addresses of x and y of each robot that can move: settling must not shift it.
@@ -685,7 +723,12 @@ def set_physics(
             drag = nominal.actuator_biasprm[actuator, 2]
             model.actuator_biasprm[actuator, 2] = drag / scale
         if robot.moves:
-            _add_side_load(model, nominal, robot.chassis, physics.side_load_g / 1000)
+            _add_side_load(
+                model,
+                nominal,
+                robot.chassis,
+                physics.side_load_g / 1000,
+            )
         elif physics.side_load_g:
             raise TwinError(
                 "physics: side_load_g is for robots that move; leave it at 0 for one that stands "

@@ -56,7 +56,13 @@ class Line:
     closed: bool = False
 
     def __post_init__(self) -> None:
-        _check(self.color, "a line", (self.width_mm,), 1, self.points_mm)
+        _check(
+            self.color,
+            "a line",
+            (self.width_mm,),
+            1,
+            self.points_mm,
+        )
         # lists are welcome
         object.__setattr__(self, "points_mm", tuple(map(tuple, self.points_mm)))
         if len(self.points_mm) < 2:
@@ -201,7 +207,13 @@ class Block:
     def __post_init__(self) -> None:
         # A heading is checked as one of a pair, as it has to be finite, too.
         points = (self.at_mm, self.spread_mm, (self.heading_deg, 0.0))
-        _check(self.color, "a block", self.size_mm, 3, points)
+        _check(
+            self.color,
+            "a block",
+            self.size_mm,
+            3,
+            points,
+        )
         is_mass = self.mass_g is None or (math.isfinite(self.mass_g) and self.mass_g > 0)
         if not is_mass:
             raise TwinError(

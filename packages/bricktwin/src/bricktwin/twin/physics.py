@@ -53,7 +53,14 @@ def _parameter(
 ) -> Any:
     return dataclasses.field(
         default=default,
-        metadata={"parameter": Parameter(unit, random_range, allowed_range, source)},
+        metadata={
+            "parameter": Parameter(
+                unit,
+                random_range,
+                allowed_range,
+                source,
+            )
+        },
     )
 
 
@@ -65,7 +72,13 @@ _ACCELERATION_BIAS = (
 
 
 def _motor_scale() -> Any:
-    return _parameter(1.0, "1", (0.85, 1.15), (0.1, 2.0), "LEGO's data sheets: speeds within 15 %")
+    return _parameter(
+        1.0,
+        "1",
+        (0.85, 1.15),
+        (0.1, 2.0),
+        "LEGO's data sheets: speeds within 15 %",
+    )
 
 
 def _link_parameter(
@@ -145,16 +158,32 @@ class Physics:
         "estimate: two cells of 50 mohm, the rest protection, contacts and wires",
     )
     friction_scale: float = _parameter(
-        1.0, "1", (0.7, 1.2), (0.05, 3.0), "estimate: rubber on wood, laminate, a dusty floor"
+        1.0,
+        "1",
+        (0.7, 1.2),
+        (0.05, 3.0),
+        "estimate: rubber on wood, laminate, a dusty floor",
     )
     mass_scale: float = _parameter(
-        1.0, "1", (0.9, 1.15), (0.3, 3.0), "parts are estimated; 10 % for cables and other bricks"
+        1.0,
+        "1",
+        (0.9, 1.15),
+        (0.3, 3.0),
+        "parts are estimated; 10 % for cables and other bricks",
     )
     motor_friction_scale: float = _parameter(
-        1.0, "1", (0.7, 1.5), (0.0, 5.0), "estimate: new and worn motors"
+        1.0,
+        "1",
+        (0.7, 1.5),
+        (0.0, 5.0),
+        "estimate: new and worn motors",
     )
     backlash_deg: float = _parameter(
-        2.5, "deg", (0.0, 4.0), (0.0, 10.0), "estimate: gears of a medium motor, axle in its hole"
+        2.5,
+        "deg",
+        (0.0, 4.0),
+        (0.0, 10.0),
+        "estimate: gears of a medium motor, axle in its hole",
     )
     encoder_resolution_deg: float = _parameter(
         1.0,
@@ -164,10 +193,18 @@ class Physics:
         "motors report whole degrees; the same in every motor, so never drawn",
     )
     distance_noise_mm: float = _parameter(
-        1.0, "mm", (0.5, 3.0), (0.0, 50.0), "estimate: readings of a still wall"
+        1.0,
+        "mm",
+        (0.5, 3.0),
+        (0.0, 50.0),
+        "estimate: readings of a still wall",
     )
     distance_noise_ratio: float = _parameter(
-        0.004, "1", (0.002, 0.008), (0.0, 0.2), "estimate: a wall far off against one nearby"
+        0.004,
+        "1",
+        (0.002, 0.008),
+        (0.0, 0.2),
+        "estimate: a wall far off against one nearby",
     )
     distance_bias_mm: float = _parameter(
         0.0,
@@ -198,7 +235,11 @@ class Physics:
         "LEGO: soft objects from 150 cm; the range is an estimate",
     )
     tilt_noise_deg: float = _parameter(
-        0.3, "deg", (0.1, 0.6), (0.0, 10.0), "estimate: a hub at rest"
+        0.3,
+        "deg",
+        (0.1, 0.6),
+        (0.0, 10.0),
+        "estimate: a hub at rest",
     )
     gyro_noise_deg_s: float = _parameter(
         0.1,
@@ -222,34 +263,64 @@ class Physics:
         "0.044 deg in 7 s at rest, 0.37 a minute (pybricks/support#2238)",
     )
     acceleration_noise_mm_s2: float = _parameter(
-        20.0, "mm/s2", (10.0, 50.0), (0.0, 2000.0), "estimate: a hub at rest"
+        20.0,
+        "mm/s2",
+        (10.0, 50.0),
+        (0.0, 2000.0),
+        "estimate: a hub at rest",
     )
     acceleration_bias_x_mm_s2: float = _parameter(0.0, "mm/s2", *_ACCELERATION_BIAS)
     acceleration_bias_y_mm_s2: float = _parameter(0.0, "mm/s2", *_ACCELERATION_BIAS)
     acceleration_bias_z_mm_s2: float = _parameter(0.0, "mm/s2", *_ACCELERATION_BIAS)
     color_noise_pct: float = _parameter(
-        0.5, "%", (0.2, 1.5), (0.0, 20.0), "estimate: readings of a still sheet of paper"
+        0.5,
+        "%",
+        (0.2, 1.5),
+        (0.0, 20.0),
+        "estimate: readings of a still sheet of paper",
     )
     link_interval_ms: float = _link_parameter(
-        "interval_ms", "ms", (0.0, 4000.0), "Bluetooth LE allows 7.5 ms to 4 s"
+        "interval_ms",
+        "ms",
+        (0.0, 4000.0),
+        "Bluetooth LE allows 7.5 ms to 4 s",
     )
     link_jitter_ms: float = _link_parameter(
-        "jitter_ms", "ms", (0.0, 200.0), "estimate: the computer's own time"
+        "jitter_ms",
+        "ms",
+        (0.0, 200.0),
+        "estimate: the computer's own time",
     )
     link_loss: float = _link_parameter(
-        "loss", "1", (0.0, 0.45), "estimate: packets lost in the air, and sent again"
+        "loss",
+        "1",
+        (0.0, 0.45),
+        "estimate: packets lost in the air, and sent again",
     )
     link_burst_ms: float = _link_parameter(
-        "burst_ms", "ms", (1.0, 60_000.0), "estimate: Wi-Fi and people in between"
+        "burst_ms",
+        "ms",
+        (1.0, 60_000.0),
+        "estimate: Wi-Fi and people in between",
     )
     link_lost_notifications: float = _link_parameter(
-        "lost_notifications", "1", (0.0, 0.2), "estimate; pybricks/support#320"
+        "lost_notifications",
+        "1",
+        (0.0, 0.2),
+        "estimate; pybricks/support#320",
     )
     link_wake_ms: float = _link_parameter(
-        "wake_ms", "ms", (0.0, 2000.0), "labapart/gattlib#223: up to 300 ms in all"
+        "wake_ms",
+        "ms",
+        (0.0, 2000.0),
+        "labapart/gattlib#223: up to 300 ms in all",
     )
     slope_deg: float = _parameter(
-        0.0, "deg", (-2.0, 2.0), (-30.0, 30.0), "estimate: floors and tables are not level"
+        0.0,
+        "deg",
+        (-2.0, 2.0),
+        (-30.0, 30.0),
+        "estimate: floors and tables are not level",
     )
     wheel_difference_pct: float = _parameter(
         0.0,
@@ -259,7 +330,11 @@ class Physics:
         "estimate: new and worn tyres, one more loaded than the other",
     )
     side_load_g: float = _parameter(
-        0.0, "g", (0.0, 50.0), (0.0, 500.0), "estimate: a sensor, a motor or a cable more"
+        0.0,
+        "g",
+        (0.0, 50.0),
+        (0.0, 500.0),
+        "estimate: a sensor, a motor or a cable more",
     )
     motor_1_scale: float = _motor_scale()
     motor_2_scale: float = _motor_scale()
@@ -334,7 +409,12 @@ PHYSICS_REMEDY = "give a JSON file that `bricktwin twin fit` wrote"
 def read_physics(path: Path) -> Physics:
     """Read the parameters from a JSON file such as ``bricktwin twin fit`` writes. Raises TwinError
     if the file cannot be read, or its content is invalid."""
-    with reading("the physics in", path, TwinError, PHYSICS_REMEDY):
+    with reading(
+        "the physics in",
+        path,
+        TwinError,
+        PHYSICS_REMEDY,
+    ):
         return Physics.from_dict(json.loads(path.read_bytes()))
 
 

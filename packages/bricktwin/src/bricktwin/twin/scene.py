@@ -49,9 +49,19 @@ class Scene:
     end_stops: Mapping[str, tuple[float, float]] = field(default_factory=dict, hash=False)
 
     def __post_init__(self) -> None:
-        _check_range("heading_deg", self.heading_deg, -180.0, 180.0)
+        _check_range(
+            "heading_deg",
+            self.heading_deg,
+            -180.0,
+            180.0,
+        )
         for axis, bounds in zip("xy", self.start_mm, strict=True):
-            _check_range(f"start_mm along {axis}", bounds, -10_000.0, 10_000.0)
+            _check_range(
+                f"start_mm along {axis}",
+                bounds,
+                -10_000.0,
+                10_000.0,
+            )
         if not 0.0 <= self.light_pct <= 100.0:
             raise TwinError(f"scene: light_pct is {self.light_pct}; give 0 to 100")
         if not isinstance(self.objects, tuple | list):
@@ -80,7 +90,12 @@ class Scene:
                     "around 0, where it starts"
                 )
         if self.wall_distance_mm is not None:
-            _check_range("wall_distance_mm", self.wall_distance_mm, 20.0, 5000.0)
+            _check_range(
+                "wall_distance_mm",
+                self.wall_distance_mm,
+                20.0,
+                5000.0,
+            )
             _check_range(
                 "heading_deg before a wall",
                 self.heading_deg,

@@ -73,7 +73,11 @@ class SummedNoise:
         self._samples = 0
         self._sum = 0.0
 
-    def deg(self, time_s: float, noise_deg_s: float) -> float:
+    def deg(
+        self,
+        time_s: float,
+        noise_deg_s: float,
+    ) -> float:
         """The sum at a time, which must not decrease, for a noise of this standard deviation."""
         samples = int(time_s / _SUMMED_S)
         new_samples = max(samples - self._samples, 0)
@@ -93,7 +97,11 @@ class _Base(ABC):
     _position: Vector
     _frame: Vector
 
-    def __init__(self, model: mujoco.MjModel, imu: str) -> None:
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        imu: str,
+    ) -> None:
         self._hub = model.site(imu).pos.copy()
         self._to_hub = np.empty(4)
         mujoco.mju_negQuat(self._to_hub, model.site(imu).quat)
@@ -295,7 +303,11 @@ class WorldSenses:
         self._disc = np.stack([x, y], -1)  # [points, 2]
         self._bare_floor = np.full((_POINTS, 3), FLOOR)
 
-    def surface(self, eye_m: Floats, gaze: Floats) -> tuple[float, float, float]:
+    def surface(
+        self,
+        eye_m: Floats,
+        gaze: Floats,
+    ) -> tuple[float, float, float]:
         """Colour (hue in deg, saturation and value in %) that a sensor at ``eye_m`` sees along
         ``gaze`` in its light."""
         # Rays meet obstacles only; the floor is where the gaze reaches the height 0.
@@ -315,7 +327,11 @@ class WorldSenses:
         hue, saturation, value = colorsys.rgb_to_hsv(red, green, blue)
         return hue * 360.0, saturation * 100.0, value * 100.0
 
-    def ambient(self, eye_m: Floats, gaze: Floats) -> float:
+    def ambient(
+        self,
+        eye_m: Floats,
+        gaze: Floats,
+    ) -> float:
         """Ambient light at a sensor, %: that of the room, and that of each visible lamp."""
         light_pct = self._scene.light_pct
         for lamp in self._lamps:
@@ -334,7 +350,11 @@ class WorldSenses:
             light_pct += lamp.light_pct * cosine * closeness
         return min(light_pct, 100.0)
 
-    def distance_mm(self, eye_m: Floats, gaze: Floats) -> float:
+    def distance_mm(
+        self,
+        eye_m: Floats,
+        gaze: Floats,
+    ) -> float:
         """Distance to the nearest surface along ``gaze``, including the floor; infinite if there is
         none."""
         distance_m, _ = self._ray(eye_m, gaze)
@@ -342,7 +362,11 @@ class WorldSenses:
         nearest_m = min(distance_m, floor_m)
         return nearest_m * 1000.0 if nearest_m < _MAX_DISTANCE_M else math.inf
 
-    def _ray(self, eye_m: Floats, gaze: Floats) -> tuple[float, int]:
+    def _ray(
+        self,
+        eye_m: Floats,
+        gaze: Floats,
+    ) -> tuple[float, int]:
         """Distance (m) and geometry of the first obstacle along a ray; infinite and -1 if there is
         none."""
         geom = np.empty(1, np.int32)
@@ -360,7 +384,11 @@ class WorldSenses:
             return math.inf, -1
         return float(distance_m), int(geom[0])
 
-    def _floor(self, point_m: Floats, distance_m: float) -> tuple[float, float, float]:
+    def _floor(
+        self,
+        point_m: Floats,
+        distance_m: float,
+    ) -> tuple[float, float, float]:
         """Mean colour of the spot on the floor at ``point_m`` that is seen from a distance."""
         radius_mm = _SPOT_MM + _SPOT_RATIO * distance_m * 1000.0
         points_mm = point_m[:2] * 1000.0 + radius_mm * self._disc

@@ -34,7 +34,11 @@ class Feet:
         radius_m: radius of the balls around the points; 0 for corners.
     """
 
-    def __init__(self, model: mujoco.MjModel, geoms: list[int]) -> None:
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        geoms: list[int],
+    ) -> None:
         self.radius_m = 0.0
         # [n, 3] each, in the frames of the geoms
         centres_m = model.geom_aabb[geoms, :3]
@@ -98,7 +102,13 @@ def standing_pose(points: Floats, centre: Floats) -> tuple[Floats, float]:
     offsets = points[None] - first[:, None]  # [triples, n, 3]
     heights = offsets @ normal[:, :, None]  # [triples, n, 1]
     clearance = np.min(heights, axis=(1, 2))
-    inside = _distance_inside(first, second, third, normal, centre)
+    inside = _distance_inside(
+        first,
+        second,
+        third,
+        normal,
+        centre,
+    )
 
     # If more than three points lie in one plane, rounding makes some triples fail slightly: the
     # triples that fail least are taken, not those that do not fail.
@@ -157,7 +167,11 @@ _DEPTH_M = 0.008
 """Depth from which on an overlap is more than a touch."""
 
 
-def refuse_overlap(model: mujoco.MjModel, data: mujoco.MjData, scene: Scene | None = None) -> None:
+def refuse_overlap(
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    scene: Scene | None = None,
+) -> None:
     """Raise TwinError if a robot is inside of an obstacle of the ``scene``, or of an arena.
     Contacts have to be computed."""
     contacts = data.contact

@@ -146,7 +146,13 @@ def fit(
             f"the log has {len(log.commands)} steps; record {2 * len(names)} or more, `bricktwin "
             "twin record` makes 160"
         )
-    search = _Search(log, robot, scene, _noise(log), on_replay)
+    search = _Search(
+        log,
+        robot,
+        scene,
+        _noise(log),
+        on_replay,
+    )
     default = Physics()
     error_before = search.errors(default)
     physics = Physics(**search.noise)
@@ -200,7 +206,12 @@ class _Search:
     def difference(self, physics: Physics) -> Vector:
         """Channels of twin minus robot, ``[n, n_channels]``; wrapped angles are compared relative
         to the start."""
-        channels = replay(self._log, physics, self._robot, self._scene)
+        channels = replay(
+            self._log,
+            physics,
+            self._robot,
+            self._scene,
+        )
         difference = channels - self._log.channels  # [n + 1, n_channels]
         # The shorter way round.
         wrapped = (difference - difference[0] + 180.0) % 360.0 - 180.0
@@ -229,7 +240,11 @@ class _Search:
         losses = 2.0 * _HUBER_DELTA**2 * (roots - 1.0)
         return float(np.sqrt(np.mean(losses)))
 
-    def find(self, names: tuple[str, ...], seed: int) -> Physics:
+    def find(
+        self,
+        names: tuple[str, ...],
+        seed: int,
+    ) -> Physics:
         """Fit the strong parameters, then the weak ones, then the strong ones again."""
         strong = tuple(name for name in names if name in _STRONG)
         weak = tuple(name for name in names if name not in _STRONG)
@@ -296,7 +311,11 @@ class _Search:
         )
         return self._physics(start, names, result.x)
 
-    def rises(self, best: Physics, names: tuple[str, ...]) -> dict[str, float]:
+    def rises(
+        self,
+        best: Physics,
+        names: tuple[str, ...],
+    ) -> dict[str, float]:
         """Relative rise of the error when one parameter is off, averaged over both sides."""
         lowest = max(self.error(best), _MIN_ERROR)
         rises = {}
@@ -371,7 +390,12 @@ def _noise(log: RunLog) -> dict[str, float]:
     deviations = rest.std(axis=0, ddof=1)
     means = rest.mean(axis=0)
     squares: dict[str, list[float]] = {}
-    for channel, deviation, mean in zip(log.interface.channels, deviations, means, strict=True):
+    for channel, deviation, mean in zip(
+        log.interface.channels,
+        deviations,
+        means,
+        strict=True,
+    ):
         is_saturated = mean >= channel.high
         if channel.noise is None or is_saturated:
             continue

@@ -306,13 +306,13 @@ def test_file_of_another_mujoco_is_built_anew(
     monkeypatch.chdir(tmp_path)  # MuJoCo writes its log there
     with monkeypatch.context() as context:
         context.setattr("bricktwin.twin.models.kept_models._encoded", lambda _: b"another form")
-        cache.body(TWO_WHEELER)
-    cache.body(TWO_WHEELER)
+        cache.body(GENERATED)
+    cache.body(GENERATED)
     assert len(cache.built) == 2
-    cache.body(TWO_WHEELER)
+    cache.body(GENERATED)
     assert len(cache.built) == 2
     monkeypatch.setattr(mujoco, "mj_versionString", lambda: "5.0.0")
-    cache.body(TWO_WHEELER)
+    cache.body(GENERATED)
     assert len(cache.built) == 3
 
 

@@ -91,14 +91,21 @@ def calibration_folder() -> Path:
     return base / "bricksrl" / "calibrations"
 
 
-def load_calibration(hub: str, robot: Robot, folder: Path | None = None) -> Calibration:
+def load_calibration(
+    hub: str,
+    robot: Robot,
+    folder: Path | None = None,
+) -> Calibration:
     """Saved calibration of the robot on this hub; an empty one if there is none. Raises
     CalibrationError if it is invalid."""
     path = _path(hub, robot, folder)
     if not path.exists():
         return Calibration()
     with reading(
-        "the calibration in", path, CalibrationError, "delete the file and calibrate again"
+        "the calibration in",
+        path,
+        CalibrationError,
+        "delete the file and calibrate again",
     ):
         data = json.loads(path.read_bytes())
         # Converted here, so that a file of other types is refused as one that cannot be read.
@@ -125,7 +132,10 @@ def calibration_of(transport: Transport, folder: Path | None = None) -> Callable
 
 
 def save_calibration(
-    hub: str, robot: Robot, calibration: Calibration, folder: Path | None = None
+    hub: str,
+    robot: Robot,
+    calibration: Calibration,
+    folder: Path | None = None,
 ) -> Path:
     """Write a calibration atomically; returns its path. Raises WriteError if the file cannot be
     written."""
@@ -141,7 +151,11 @@ def save_calibration(
     return path
 
 
-def forget_calibration(hub: str, robot: Robot, folder: Path | None = None) -> None:
+def forget_calibration(
+    hub: str,
+    robot: Robot,
+    folder: Path | None = None,
+) -> None:
     """Delete the saved calibration; without effect if there is none. Raises CalibrationError if the
     file cannot be deleted."""
     path = _path(hub, robot, folder)
@@ -153,6 +167,10 @@ def forget_calibration(hub: str, robot: Robot, folder: Path | None = None) -> No
         ) from None
 
 
-def _path(hub: str, robot: Robot, folder: Path | None) -> Path:
+def _path(
+    hub: str,
+    robot: Robot,
+    folder: Path | None,
+) -> Path:
     hub_folder = (folder or calibration_folder()) / as_file_name(hub)
     return hub_folder / f"{as_file_name(robot.name)}.json"

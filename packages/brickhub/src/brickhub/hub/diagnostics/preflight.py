@@ -93,7 +93,11 @@ class Latency:
         return self.interval_ms > SLOW_INTERVAL_MS
 
 
-def measure(link: RobotLink, interface: Interface, exchanges: int = 100) -> Latency:
+def measure(
+    link: RobotLink,
+    interface: Interface,
+    exchanges: int = 100,
+) -> Latency:
     """Time ``exchanges`` sensor readings over an open link; nothing moves. Raises HubError if the
     link failed."""
     # The first reading comes after a pause, and is slower.
@@ -170,7 +174,12 @@ def check_robot(
             return
         # A failure from here on is a finding among others: those before are known, and printed.
         try:
-            with HubLink(transport, robot, interface, calibrate=calibrate) as link:
+            with HubLink(
+                transport,
+                robot,
+                interface,
+                calibrate=calibrate,
+            ) as link:
                 yield Finding("program", Outcome.OK, f"runs (hash {link.program.hash:08x})")
                 values = link.read().values
                 yield from check_angles(robot, interface, values)
@@ -179,9 +188,21 @@ def check_robot(
                 yield check_latency(measure(link, interface), is_virtual=is_virtual)
 
                 def advise(motors: Sequence[str]) -> str:
-                    return _reversing(command, robot, calibrated, motors)
+                    return _reversing(
+                        command,
+                        robot,
+                        calibrated,
+                        motors,
+                    )
 
-                yield from check_moves(link, robot, interface, may_move, is_right, advise)
+                yield from check_moves(
+                    link,
+                    robot,
+                    interface,
+                    may_move,
+                    is_right,
+                    advise,
+                )
             # After the link is closed, as a hub runs one program at a time.
             has_wheels = calibrated.drive_base is not None
             if has_wheels and robot.hub.model.has_imu and may_move():
@@ -193,7 +214,11 @@ def check_robot(
         transport.close()
 
 
-def judged(name: str, detail: str, *problems: tuple[bool, Outcome, str]) -> Finding:
+def judged(
+    name: str,
+    detail: str,
+    *problems: tuple[bool, Outcome, str],
+) -> Finding:
     """Finding of a check: the first problem that there is, with its outcome and what it adds to the
     detail; else OK."""
     for is_there, outcome, remedy in problems:
@@ -320,7 +345,11 @@ def check_imu(robot: Robot, result: Survey) -> Iterator[Finding]:
         yield Finding("imu", Outcome.OK, f"ready, {tilt}{motion}")
 
 
-def check_angles(robot: Robot, interface: Interface, values: Sequence[float]) -> Iterator[Finding]:
+def check_angles(
+    robot: Robot,
+    interface: Interface,
+    values: Sequence[float],
+) -> Iterator[Finding]:
     """Angle check: joints are within their ranges in the reading ``values [n_channels]``."""
     for name, index in interface.angle_indices.items():
         range_deg = robot.motor(name).range_deg
@@ -364,7 +393,9 @@ def check_latency(latency: Latency, *, is_virtual: bool = False) -> Finding:
 
 
 def small_move(
-    command: Command, range_deg: tuple[int, int] | None, angle_deg: float | None
+    command: Command,
+    range_deg: tuple[int, int] | None,
+    angle_deg: float | None,
 ) -> float:
     """A small value of a command; for a joint with a known angle, towards the middle of its
     range."""
@@ -392,7 +423,14 @@ def check_moves(
         yield Finding("directions", Outcome.SKIPPED, "nothing was moved, because nobody said yes")
         return
     for index in range(len(interface.commands)):
-        yield _check_move(link, robot, interface, index, is_right, advise)
+        yield _check_move(
+            link,
+            robot,
+            interface,
+            index,
+            is_right,
+            advise,
+        )
 
 
 def _check_move(
@@ -428,7 +466,12 @@ def _check_move(
         link.act([0.0] * len(interface.commands))
     # First what the sensors say, then what a person has seen.
     turns_deg = command.turns_deg(robot, value)
-    for motor, angle_before, turn_deg in zip(motors, angles_before, turns_deg, strict=True):
+    for motor, angle_before, turn_deg in zip(
+        motors,
+        angles_before,
+        turns_deg,
+        strict=True,
+    ):
         angle_after = _angle(interface, after, motor)
         if angle_before is None or angle_after is None:
             continue
@@ -472,7 +515,9 @@ _STILL_SHARE = 0.15
 
 
 def check_wheels(
-    robot: Robot, turns: Sequence[WheelTurn], advise: Callable[[Sequence[str]], str]
+    robot: Robot,
+    turns: Sequence[WheelTurn],
+    advise: Callable[[Sequence[str]], str],
 ) -> Iterator[Finding]:
     """Check of each wheel of a drive base by the gyroscope: forward, the left one turns the robot
     clockwise, the right one counterclockwise, by the distance that it rolls over the axle track."""
@@ -513,7 +558,12 @@ def check_wheels(
             yield Finding(name, Outcome.OK, f"{motion}, by its gyroscope")
 
 
-def _reversing(command: str, robot: Robot, calibrated: Robot, names: Sequence[str]) -> str:
+def _reversing(
+    command: str,
+    robot: Robot,
+    calibrated: Robot,
+    names: Sequence[str],
+) -> str:
     """What to do about motors that turn the wrong way, in words that can be followed as they
     are."""
     # A motor that its calibration reverses, and that turns wrongly, is right as described.
@@ -533,7 +583,11 @@ def _reversing(command: str, robot: Robot, calibrated: Robot, names: Sequence[st
     return " and ".join(steps)
 
 
-def _angle(interface: Interface, values: Sequence[float], motor: Motor) -> float | None:
+def _angle(
+    interface: Interface,
+    values: Sequence[float],
+    motor: Motor,
+) -> float | None:
     """Angle of a motor, if it is observed."""
     index = interface.angle_indices.get(motor.name)
     return None if index is None else values[index]

@@ -165,7 +165,11 @@ def wheels_program(robot: Robot) -> HubProgram:
     ]
     imports = [*_IMPORTS, "from pybricks.tools import StopWatch, wait"]
     return _program(
-        f"Turns the wheels of the robot '{robot.name}'.", imports, constants, robot, "wheels"
+        f"Turns the wheels of the robot '{robot.name}'.",
+        imports,
+        constants,
+        robot,
+        "wheels",
     )
 
 
@@ -188,7 +192,11 @@ def turn_wheels(transport: Transport, robot: Robot) -> list[WheelTurn]:
     return turns
 
 
-def run(transport: Transport, program: HubProgram, timeout_s: float) -> list[str]:
+def run(
+    transport: Transport,
+    program: HubProgram,
+    timeout_s: float,
+) -> list[str]:
     """Run a program and return the lines that it prints before the last one, ``end``; the first are
     those of its HELLO. It is stopped after the timeout.
 
@@ -200,7 +208,11 @@ def run(transport: Transport, program: HubProgram, timeout_s: float) -> list[str
     output = io.BytesIO()
     errors = io.StringIO()
     exit_code = run_program(
-        transport, program, stdout=output, stderr=errors, time_limit_s=timeout_s
+        transport,
+        program,
+        stdout=output,
+        stderr=errors,
+        time_limit_s=timeout_s,
     )
     # One that was stopped, at its time limit or by the hub's button, lacks its last line.
     if exit_code not in (0, TIME_LIMIT_EXIT_CODE):
@@ -238,7 +250,11 @@ def _motors(motors: tuple[Motor, ...]) -> str:
 
 
 def _program(
-    purpose: str, imports: list[str], constants: list[str], robot: Robot, script: str
+    purpose: str,
+    imports: list[str],
+    constants: list[str],
+    robot: Robot,
+    script: str,
 ) -> HubProgram:
     model = robot.hub.model
     hub_import = f"from pybricks.hubs import {model.class_name}"

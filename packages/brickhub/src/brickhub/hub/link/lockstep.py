@@ -335,7 +335,12 @@ class HubLink(RobotLink):
         if started_s - before_s < PAUSE_MS / 1000:
             self.statistics.delays_s.append(self._written_s - started_s)
 
-    def _receive(self, frame: bytes, longest_move_s: float, known_move_s: float | None) -> Reading:
+    def _receive(
+        self,
+        frame: bytes,
+        longest_move_s: float,
+        known_move_s: float | None,
+    ) -> Reading:
         """Wait for the answer to a frame that was sent, and repeat it meanwhile. Raises
         HubTimeoutError if none comes in time.
 
@@ -365,14 +370,22 @@ class HubLink(RobotLink):
             self._write(frame if repeats_command else _watchdog_frame(self._watchdog_ms))
         raise self._timeout_error("the hub did not answer", limit_s)
 
-    def _compare_clocks(self, answer: protocol.DataFrame, not_before_s: float) -> None:
+    def _compare_clocks(
+        self,
+        answer: protocol.DataFrame,
+        not_before_s: float,
+    ) -> None:
         """Compare the clocks by an answer that has just arrived; its sensors were read after
         ``not_before_s``."""
         wrapped_ms = self.wire.hub_time_ms(answer.payload)
         time_ms = self._clock.unwrap(wrapped_ms)
         self._clock.compare(time_ms, not_before_s, self.now_s())
 
-    def _reading(self, answer: protocol.DataFrame, round_trip_s: float) -> Reading:
+    def _reading(
+        self,
+        answer: protocol.DataFrame,
+        round_trip_s: float,
+    ) -> Reading:
         """Reading from the newest answer, as old as it is now."""
         wrapped_ms, values = self.wire.decode_answer(answer.payload)
         for name in self.wire.saturated(answer.payload):
@@ -386,7 +399,12 @@ class HubLink(RobotLink):
                 )
         time_ms = self._clock.unwrap(wrapped_ms)
         age_s = self._clock.age_s(time_ms, self.now_s())
-        return Reading(values, time_ms, round_trip_s, age_s)
+        return Reading(
+            values,
+            time_ms,
+            round_trip_s,
+            age_s,
+        )
 
     @contextlib.contextmanager
     def _fault_with_cause(self) -> Iterator[None]:
@@ -438,7 +456,9 @@ class HubLink(RobotLink):
     # ---- what the hub's program sends
 
     def _wait_for(
-        self, is_wanted: Callable[[protocol.Frame], bool], window_s: float
+        self,
+        is_wanted: Callable[[protocol.Frame], bool],
+        window_s: float,
     ) -> protocol.Frame | None:
         """The first wanted frame that comes in time, or has come. The number of reads is bounded
         too, in case the clock stands still."""
@@ -492,7 +512,11 @@ class HubLink(RobotLink):
             if isinstance(frame, protocol.ControlFrame) and frame.kind == protocol.Up.BYE:
                 raise bye_error(frame)
 
-    def _timeout_error(self, problem: str, waited_s: float) -> HubTimeoutError:
+    def _timeout_error(
+        self,
+        problem: str,
+        waited_s: float,
+    ) -> HubTimeoutError:
         """Error for a timeout, with the last line that the program printed."""
         printed = self._decoder.text.strip().splitlines()
         last_line = f" (it printed: {printed[-1]})" if printed else ""

@@ -169,7 +169,12 @@ class ClientLink(HubLink):
         self._warns = warns
         self._at_rest = [min(max(0.0, command.low), command.high) for command in interface.commands]
         # Last, as the base class asks for the program and the decoder, which need the client.
-        super().__init__(transport, robot, interface, **options)
+        super().__init__(
+            transport,
+            robot,
+            interface,
+            **options,
+        )
 
     def _program_of(self, robot: Robot) -> HubProgram:
         program = self._client.load()
@@ -232,7 +237,12 @@ class ClientLink(HubLink):
                 "one of them"
             )
 
-    def _receive(self, frame: bytes, longest_move_s: float, known_move_s: float | None) -> Reading:
+    def _receive(
+        self,
+        frame: bytes,
+        longest_move_s: float,
+        known_move_s: float | None,
+    ) -> Reading:
         """The answer to a command, which is sent once only. Raises HubTimeoutError if none
         comes."""
         limit_s = longest_move_s + self._timeout_s

@@ -42,9 +42,30 @@ class LinkProfile:
 
 # Interval, jitter, loss, burst, lost notifications, wake-up.
 PROFILES = {
-    "mac": LinkProfile(15.0, 4.0, 0.01, 300.0, 0.0001, 80.0),
-    "linux": LinkProfile(45.0, 6.0, 0.01, 300.0, 0.0001, 250.0),
-    "bad-room": LinkProfile(45.0, 6.0, 0.1, 300.0, 0.0002, 250.0),
+    "mac": LinkProfile(
+        15.0,
+        4.0,
+        0.01,
+        300.0,
+        0.0001,
+        80.0,
+    ),
+    "linux": LinkProfile(
+        45.0,
+        6.0,
+        0.01,
+        300.0,
+        0.0001,
+        250.0,
+    ),
+    "bad-room": LinkProfile(
+        45.0,
+        6.0,
+        0.1,
+        300.0,
+        0.0002,
+        250.0,
+    ),
 }
 """Links by name. Intervals: about 15 ms on macOS; 30 to 50 ms on Linux (bluez/bluez#847), where the
 BricksRL paper's 11 Hz are exchanges of two intervals of 45 ms. A pause on Linux: up to 300 ms

@@ -36,9 +36,18 @@ class StreamingLink(HubLink):
     DescriptionError if a step of this interface has no fixed time."""
 
     def __init__(
-        self, transport: Transport, robot: Robot, interface: Interface, **options: Any
+        self,
+        transport: Transport,
+        robot: Robot,
+        interface: Interface,
+        **options: Any,
     ) -> None:
-        super().__init__(transport, robot, interface, **options)
+        super().__init__(
+            transport,
+            robot,
+            interface,
+            **options,
+        )
         step_ms = interface.settle.fixed_ms
         if step_ms is None:
             raise DescriptionError(
@@ -85,7 +94,11 @@ class StreamingLink(HubLink):
             return super()._is_answer(frame)
         return frame.seq == self._seq
 
-    def _stream(self, frame: bytes, started_s: float) -> Reading:
+    def _stream(
+        self,
+        frame: bytes,
+        started_s: float,
+    ) -> Reading:
         """Collect observations until the step is over and there is one under this command."""
         keepalive_s = self._watchdog_ms / 1000 / _SENDS_PER_WATCHDOG
         give_up_s = self._due_s + self._timeout_s

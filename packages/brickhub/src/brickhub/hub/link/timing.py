@@ -50,14 +50,23 @@ class HubClock:
         self._time_ms += since_last_ms
         return self._time_ms
 
-    def compare(self, time_ms: int, not_before_s: float, arrived_s: float) -> None:
+    def compare(
+        self,
+        time_ms: int,
+        not_before_s: float,
+        arrived_s: float,
+    ) -> None:
         """Add the bounds of one exchange: ``time_ms`` is the hub's unwrapped clock, the others are
         this computer's."""
         time_s = time_ms / 1000
         self._lower_bounds_s.append(not_before_s - time_s)
         self._upper_bounds_s.append(arrived_s - time_s)
 
-    def age_s(self, time_ms: int, now_s: float) -> float:
+    def age_s(
+        self,
+        time_ms: int,
+        now_s: float,
+    ) -> float:
         """Age of a time on the hub's clock; 0 before the first exchange."""
         if not self._upper_bounds_s:
             return 0.0
@@ -160,7 +169,11 @@ class LinkStatistics:
     def age_p99_s(self) -> float:
         return percentile(self.ages_s, 99)
 
-    def record(self, round_trip_s: float, age_s: float) -> None:
+    def record(
+        self,
+        round_trip_s: float,
+        age_s: float,
+    ) -> None:
         """Count an exchange."""
         self.exchanges += 1
         self.ages_s.append(age_s)

@@ -112,7 +112,11 @@ def check_program(program: HubProgram, hub: AnyHub) -> int:
     return size
 
 
-def _check_imports(tree: ast.AST, file: str, modules: frozenset[str]) -> None:
+def _check_imports(
+    tree: ast.AST,
+    file: str,
+    modules: frozenset[str],
+) -> None:
     for name in imported_modules(tree):
         if name not in modules:
             raise ProgramError(

@@ -111,7 +111,11 @@ def _check_encoders(robot: Robot, interface: Interface) -> None:
                 )
 
 
-def generate(robot: Robot, interface: Interface, pipe: Pipe = Pipe.STDIN) -> HubProgram:
+def generate(
+    robot: Robot,
+    interface: Interface,
+    pipe: Pipe = Pipe.STDIN,
+) -> HubProgram:
     """Generate the program with which ``robot`` takes the commands and reports the channels of
     ``interface``.
 
@@ -197,7 +201,11 @@ def generate_alone(
     return HubProgram(_joined(header, imports, parts), 0, says_hello=False)
 
 
-def _joined(header: str, imports: list[str], parts: list[str]) -> str:
+def _joined(
+    header: str,
+    imports: list[str],
+    parts: list[str],
+) -> str:
     """Text of a program."""
     head = "\n".join([header, *sorted_imports(imports), ""])
     return "\n\n".join([head, *parts])
@@ -239,7 +247,11 @@ def _hash_line(program_hash: bytes) -> str:
     return f"PROGRAM_HASH = {program_hash!r}"
 
 
-def _header(robot: Robot, interface: Interface, end: str = "") -> str:
+def _header(
+    robot: Robot,
+    interface: Interface,
+    end: str = "",
+) -> str:
     settle = interface.settle
     if settle.fixed_ms is None:
         answer = (
@@ -295,7 +307,11 @@ def _robot_imports(robot: Robot, interface: Interface) -> list[str]:
     ]
 
 
-def _constants(robot: Robot, interface: Interface, pipe: Pipe) -> str:
+def _constants(
+    robot: Robot,
+    interface: Interface,
+    pipe: Pipe,
+) -> str:
     wire = protocol.WireFormat(interface, robot)
     until_done = interface.settle.fixed_ms is None
     sizes = []

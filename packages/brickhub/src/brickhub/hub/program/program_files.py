@@ -39,7 +39,12 @@ class ProgramFiles:
             refused one is printed.
     """
 
-    def __init__(self, output: BinaryIO, folder: Path, tell: Callable[[str], object]) -> None:
+    def __init__(
+        self,
+        output: BinaryIO,
+        folder: Path,
+        tell: Callable[[str], object],
+    ) -> None:
         self._output = output
         self._folder = folder
         self._tell = tell

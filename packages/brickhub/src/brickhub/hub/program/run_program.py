@@ -90,7 +90,11 @@ def load_program(path: Path) -> HubProgram:
     digest = hashlib.sha256("\0".join(texts).encode()).digest()
     program_hash = int.from_bytes(digest[:4], "little")
     return HubProgram(
-        main, program_hash, name=path.name, modules=tuple(modules.values()), says_hello=False
+        main,
+        program_hash,
+        name=path.name,
+        modules=tuple(modules.values()),
+        says_hello=False,
     )
 
 
@@ -114,7 +118,11 @@ _HINTS = {
 }
 
 
-def describe_traceback(text: str, source: str, name: str = MAIN_FILE) -> str:
+def describe_traceback(
+    text: str,
+    source: str,
+    name: str = MAIN_FILE,
+) -> str:
     """One line from the hub's output: the last exception, its line in ``source`` (file ``name``),
     and a remedy."""
     # The last one: the program itself may have printed others before.
@@ -231,7 +239,11 @@ def _pieces_of(stream: BinaryIO | TextIO | None) -> queue.SimpleQueue[bytes]:
                     pieces.put(data[start : start + WRITE_BYTES])
 
     # A daemon, as nothing can wake a thread that waits for a keyboard.
-    threading.Thread(target=put_all, name="standard input", daemon=True).start()
+    threading.Thread(
+        target=put_all,
+        name="standard input",
+        daemon=True,
+    ).start()
     return pieces
 
 
@@ -242,7 +254,11 @@ class Transcript:
     A traceback that is followed by other output was printed by the program itself.
     """
 
-    def __init__(self, stdout: BinaryIO, stderr: TextIO) -> None:
+    def __init__(
+        self,
+        stdout: BinaryIO,
+        stderr: TextIO,
+    ) -> None:
         self._stdout = stdout
         self._stderr = stderr
         self._line = b""

@@ -43,7 +43,11 @@ def deep_recursion() -> Iterator[None]:
         sys.setrecursionlimit(limit)
 
 
-def parse(source: str, filename: str = "<unknown>", mode: str = "exec") -> Any:
+def parse(
+    source: str,
+    filename: str = "<unknown>",
+    mode: str = "exec",
+) -> Any:
     """Syntax tree of a program, or of an expression (``mode="eval"``); its line numbers are those
     of the source.
 

@@ -195,13 +195,23 @@ def scan(timeout_s: float = 5.0, *, backend: BleBackend | None = None) -> list[F
     found: _FoundHubs = {}
     with contextlib.closing(EventLoopThread("bricksrl-scan")) as loop:
         loop.run(
-            _listen(found, lambda: False, timeout_s, backend), timeout_s + 10.0, "look for hubs"
+            _listen(
+                found,
+                lambda: False,
+                timeout_s,
+                backend,
+            ),
+            timeout_s + 10.0,
+            "look for hubs",
         )
     return sorted((hub for _, hub in found.values()), key=lambda hub: -hub.rssi_dbm)
 
 
 async def find(
-    name: str | None, address: str | None, timeout_s: float, backend: BleBackend | None
+    name: str | None,
+    address: str | None,
+    timeout_s: float,
+    backend: BleBackend | None,
 ) -> BLEDevice:
     """Find the only hub in reach with this name, or with this address; without either, the only
     one.
@@ -224,10 +234,20 @@ async def find(
         what = f"{_listed(connected)} is connected to Pybricks' own background service"
         raise errors.HubTakenError(f"the hub {what}; {_RELEASE}")
     if not connected:
-        await _listen(found, lambda: bool(_matches(found, name, address)), timeout_s, backend)
+        await _listen(
+            found,
+            lambda: bool(_matches(found, name, address)),
+            timeout_s,
+            backend,
+        )
     # In a classroom the first hub that is heard may be another one's. An address is unique.
     if address is None and len(_matches(found, name, None)) == 1:
-        await _listen(found, lambda: len(_matches(found, name, None)) > 1, _OTHERS_S, backend)
+        await _listen(
+            found,
+            lambda: len(_matches(found, name, None)) > 1,
+            _OTHERS_S,
+            backend,
+        )
     matches = _matches(found, name, address)
     if len(matches) > 1:
         raise errors.AmbiguousHubError(
@@ -250,7 +270,10 @@ async def find(
 
 
 async def _listen(
-    found: _FoundHubs, is_enough: Callable[[], bool], timeout_s: float, backend: BleBackend | None
+    found: _FoundHubs,
+    is_enough: Callable[[], bool],
+    timeout_s: float,
+    backend: BleBackend | None,
 ) -> None:
     """Add advertising hubs until ``is_enough()`` or the timeout."""
     from bleak import BleakScanner
@@ -282,7 +305,9 @@ async def _still_connected(backend: BleBackend | None) -> list[BLEDevice]:
 
 
 def _matches(
-    found: _FoundHubs, name: str | None, address: str | None
+    found: _FoundHubs,
+    name: str | None,
+    address: str | None,
 ) -> list[tuple[BLEDevice, FoundHub]]:
     matches = []
     for device, hub in found.values():
@@ -301,7 +326,12 @@ def _found_hub(device: BLEDevice, advertisement: AdvertisementData) -> FoundHub:
     # It may not say, or be another device with Pybricks' service.
     with contextlib.suppress(errors.HubProtocolError):
         kind = parse_hub_kind(service_data.get(PNP_ID_UUID, b""), name)
-    return FoundHub(name, device.address, advertisement.rssi, kind)
+    return FoundHub(
+        name,
+        device.address,
+        advertisement.rssi,
+        kind,
+    )
 
 
 def _listed(found: Iterable[tuple[BLEDevice, FoundHub]]) -> str:
@@ -333,9 +363,19 @@ class BleTransport(ProfileTransport):
     async def _find(self, timeout_s: float) -> Port:
         # After a loss the same hub, though another one may have its name.
         if self._first_hub is None:
-            device = await find(self._name, self._address, timeout_s, self._backend)
+            device = await find(
+                self._name,
+                self._address,
+                timeout_s,
+                self._backend,
+            )
         else:
-            device = await find(None, self._first_hub.address, timeout_s, self._backend)
+            device = await find(
+                None,
+                self._first_hub.address,
+                timeout_s,
+                self._backend,
+            )
         return BlePort(device, self._backend.client if self._backend else None, timeout_s)
 
 
@@ -345,7 +385,10 @@ class BlePort:
     silence = "switch it off and on, and bring it near"
 
     def __init__(
-        self, device: BLEDevice, client_backend: type[BaseBleakClient] | None, timeout_s: float
+        self,
+        device: BLEDevice,
+        client_backend: type[BaseBleakClient] | None,
+        timeout_s: float,
     ) -> None:
         from bleak import BleakClient
 
@@ -354,9 +397,18 @@ class BlePort:
 
         self.name = device.name or ""
         self.address = device.address
-        self._client = BleakClient(device, on_disconnect, timeout=timeout_s, backend=client_backend)
+        self._client = BleakClient(
+            device,
+            on_disconnect,
+            timeout=timeout_s,
+            backend=client_backend,
+        )
 
-    async def open(self, on_event: Callable[[bytes], None], on_loss: Callable[[str], None]) -> None:
+    async def open(
+        self,
+        on_event: Callable[[bytes], None],
+        on_loss: Callable[[str], None],
+    ) -> None:
         self._on_event = on_event
         self._on_loss = on_loss
         with self._errors():
@@ -372,7 +424,11 @@ class BlePort:
                 profile.COMMAND_EVENT_UUID, lambda _, data: self._on_event(bytes(data))
             )
 
-    async def write(self, command: bytes, operation: str) -> None:
+    async def write(
+        self,
+        command: bytes,
+        operation: str,
+    ) -> None:
         # With response: since firmware 3.2 a hub drops a write without one, and says nothing.
         with bleak_errors(operation, errors.HubDisconnectedError):
             await self._client.write_gatt_char(profile.COMMAND_EVENT_UUID, command, response=True)

@@ -61,7 +61,11 @@ class Output:
             self._data += data
             self._changed.notify_all()
 
-    def end(self, kind: type[HubError], reason: str) -> None:
+    def end(
+        self,
+        kind: type[HubError],
+        reason: str,
+    ) -> None:
         """End the output. The last reason counts: the link may be lost after the program's end."""
         with self._changed:
             self._end = kind
@@ -105,7 +109,11 @@ class Port(Protocol):
     address: str
     silence: str
 
-    async def open(self, on_event: Callable[[bytes], None], on_loss: Callable[[str], None]) -> None:
+    async def open(
+        self,
+        on_event: Callable[[bytes], None],
+        on_loss: Callable[[str], None],
+    ) -> None:
         """Connect. After ``subscribe``, each event goes to ``on_event``; the reason of a lost link
         goes to ``on_loss``."""
 
@@ -115,7 +123,11 @@ class Port(Protocol):
     async def subscribe(self) -> None:
         """Subscribe to the hub's events."""
 
-    async def write(self, command: bytes, operation: str) -> None:
+    async def write(
+        self,
+        command: bytes,
+        operation: str,
+    ) -> None:
         """Write a command and wait for its acknowledgement; ``operation`` describes it in error
         messages."""
 
@@ -156,7 +168,13 @@ class HubConnection:
     identity: HubIdentity
     status: StatusReport
 
-    def __init__(self, port: Port, *, answer_timeout_s: float, connect_timeout_s: float) -> None:
+    def __init__(
+        self,
+        port: Port,
+        *,
+        answer_timeout_s: float,
+        connect_timeout_s: float,
+    ) -> None:
         self.output = Output()
         self._port = port
         self._answer_timeout_s = answer_timeout_s
@@ -219,7 +237,11 @@ class HubConnection:
         except Exception as error:  # noqa: BLE001
             _log.debug("disconnecting from the hub: %s", error)
 
-    async def command(self, data: bytes, operation: str) -> None:
+    async def command(
+        self,
+        data: bytes,
+        operation: str,
+    ) -> None:
         """Write a command; retry while the hub is busy.
 
         Raises:
@@ -307,7 +329,11 @@ class HubConnection:
         self.output.end(ProgramStoppedError, "the program on the hub was stopped; start it again")
         self._check_connected()
 
-    async def wait_for_output(self, data: bytes, timeout_s: float) -> bool:
+    async def wait_for_output(
+        self,
+        data: bytes,
+        timeout_s: float,
+    ) -> bool:
         """True if the program writes these bytes in time; they remain in the buffer."""
         await self._wait_for(lambda: self.output.contains(data) or not self.is_running, timeout_s)
         return self.output.contains(data)
@@ -340,7 +366,11 @@ class HubConnection:
             capabilities=profile.parse_capabilities(capabilities),
         )
 
-    async def _write(self, data: bytes, operation: str) -> None:
+    async def _write(
+        self,
+        data: bytes,
+        operation: str,
+    ) -> None:
         # With a timeout, as a hub may lose the acknowledgement of a write when a report crosses it.
         try:
             async with asyncio.timeout(self._answer_timeout_s) as timeout, self._write_lock:
@@ -362,7 +392,11 @@ class HubConnection:
                 f"{self._answer_timeout_s:g} s; open the link again"
             ) from None
 
-    async def _wait_for(self, condition: Callable[[], bool], timeout_s: float) -> bool:
+    async def _wait_for(
+        self,
+        condition: Callable[[], bool],
+        timeout_s: float,
+    ) -> bool:
         """Wait until ``condition()``, or until the link is lost or the time is up."""
         try:
             async with asyncio.timeout(timeout_s):

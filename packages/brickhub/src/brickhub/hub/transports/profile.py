@@ -169,7 +169,12 @@ def parse_capabilities(data: bytes) -> Capabilities:
         )
     # Before version 1.5 there was no number of slots.
     max_write, features, max_program, slots = _CAPABILITIES.unpack_from(data + b"\0")
-    return Capabilities(max_write, Feature(features), max_program, slots)
+    return Capabilities(
+        max_write,
+        Feature(features),
+        max_program,
+        slots,
+    )
 
 
 def parse_version(data: bytes) -> tuple[int, int]:

@@ -39,11 +39,21 @@ class EventLoopThread:
     def __init__(self, name: str) -> None:
         # A daemon, so that a backend which hangs does not keep a program from ending.
         made: concurrent.futures.Future[asyncio.AbstractEventLoop] = concurrent.futures.Future()
-        self._thread = threading.Thread(target=self._serve, args=(made,), name=name, daemon=True)
+        self._thread = threading.Thread(
+            target=self._serve,
+            args=(made,),
+            name=name,
+            daemon=True,
+        )
         self._thread.start()
         self._loop = made.result()
 
-    def run(self, coroutine: Coroutine[Any, Any, _T], timeout_s: float, operation: str) -> _T:
+    def run(
+        self,
+        coroutine: Coroutine[Any, Any, _T],
+        timeout_s: float,
+        operation: str,
+    ) -> _T:
         """Run a coroutine and return its result; it is cancelled after ``timeout_s``.
 
         Raises:
@@ -126,7 +136,11 @@ class ProfileTransport(ABC):
     """
 
     def __init__(
-        self, *, timeout_s: float = 20.0, answer_timeout_s: float = 2.0, record: Path | None = None
+        self,
+        *,
+        timeout_s: float = 20.0,
+        answer_timeout_s: float = 2.0,
+        record: Path | None = None,
     ) -> None:
         self._timeout_s = timeout_s
         self._answer_timeout_s = answer_timeout_s
@@ -310,7 +324,11 @@ class ProfileTransport(ABC):
         )
         return connection
 
-    async def _start(self, program: HubProgram, modules: dict[str, bytes]) -> None:
+    async def _start(
+        self,
+        program: HubProgram,
+        modules: dict[str, bytes],
+    ) -> None:
         connection = await self._connected()
         kind = connection.identity.kind
         location = f"{connection.identity.address} slot {connection.status.slot}"
@@ -346,7 +364,11 @@ class ProfileTransport(ABC):
             return {}
         return hashes if isinstance(hashes, dict) else {}
 
-    def _note_program(self, location: str, program_hash: int | None) -> None:
+    def _note_program(
+        self,
+        location: str,
+        program_hash: int | None,
+    ) -> None:
         programs = {**self._stored_programs(), location: program_hash}
         try:
             write_durably(self._record, json.dumps(programs).encode())
@@ -355,7 +377,12 @@ class ProfileTransport(ABC):
 
     # ---- in the caller's thread
 
-    def _run(self, coroutine: Coroutine[Any, Any, _T], limit_s: float, operation: str) -> _T:
+    def _run(
+        self,
+        coroutine: Coroutine[Any, Any, _T],
+        limit_s: float,
+        operation: str,
+    ) -> _T:
         if self._loop is None:
             coroutine.close()
             raise errors.HubError("the link to the hub is not open; open it first")

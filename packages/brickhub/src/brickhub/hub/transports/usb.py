@@ -269,7 +269,11 @@ class UsbPort:
         "https://code.pybricks.com, or else plug it in again"
     )
 
-    def __init__(self, hub: UsbHub, open_serial: OpenSerial) -> None:
+    def __init__(
+        self,
+        hub: UsbHub,
+        open_serial: OpenSerial,
+    ) -> None:
         self.name = hub.device
         self.address = hub.address
         self._hub = hub
@@ -281,14 +285,21 @@ class UsbPort:
         self._response: asyncio.Future[int] | None = None
         self._values: dict[tuple[int, int], asyncio.Future[bytes]] = {}
 
-    async def open(self, on_event: Callable[[bytes], None], on_loss: Callable[[str], None]) -> None:
+    async def open(
+        self,
+        on_event: Callable[[bytes], None],
+        on_loss: Callable[[str], None],
+    ) -> None:
         self._loop = asyncio.get_running_loop()
         self._on_event = on_event
         self._on_loss = on_loss
         with _serial_errors(f"open the serial port {self._hub.device}"):
             self._serial = await asyncio.to_thread(self._open_serial, self._hub.device)
         self._reader = threading.Thread(
-            target=self._read_loop, args=(self._serial,), name="bricksrl-usb", daemon=True
+            target=self._read_loop,
+            args=(self._serial,),
+            name="bricksrl-usb",
+            daemon=True,
         )
         self._reader.start()
         # Ends a partial frame that another program left.
@@ -305,13 +316,23 @@ class UsbPort:
         # The first betas do not report it; USB itself has a product id too.
         if not value and characteristic == profile.PNP_ID_UUID:
             product = _PRODUCTS.get(self._hub.product, 0)
-            return struct.pack("<BHHH", 1, profile.LEGO_COMPANY_ID, product, 0)
+            return struct.pack(
+                "<BHHH",
+                1,
+                profile.LEGO_COMPANY_ID,
+                product,
+                0,
+            )
         return value
 
     async def subscribe(self) -> None:
         await self._send(bytes((_SUBSCRIBE, 1)))
 
-    async def write(self, command: bytes, operation: str) -> None:
+    async def write(
+        self,
+        command: bytes,
+        operation: str,
+    ) -> None:
         # The hub's answer repeats the tag, by which one that came too late is known.
         self._tag = (self._tag + 1) % 256
         self._response = self._loop.create_future()
@@ -356,7 +377,11 @@ class UsbPort:
         if not self._is_closing.is_set():
             self._call_in_loop(self._on_loss, reason)
 
-    def _call_in_loop(self, call: Callable[..., None], *arguments: object) -> None:
+    def _call_in_loop(
+        self,
+        call: Callable[..., None],
+        *arguments: object,
+    ) -> None:
         # The event loop may have ended before this thread.
         with contextlib.suppress(RuntimeError):
             self._loop.call_soon_threadsafe(call, *arguments)
@@ -385,7 +410,12 @@ def _open_serial(device: str) -> SerialPort:
     import serial
 
     # The hub sends only while the port is open (DTR, which pyserial sets).
-    return serial.Serial(device, timeout=_READ_S, write_timeout=1.0, exclusive=True)  # type: ignore[no-any-return]
+    return serial.Serial(
+        device,
+        timeout=_READ_S,
+        write_timeout=1.0,
+        exclusive=True,
+    )  # type: ignore[no-any-return]
 
 
 @contextlib.contextmanager

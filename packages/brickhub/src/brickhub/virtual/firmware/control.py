@@ -28,7 +28,11 @@ _UNBOUNDED = 2**31 - 1
 class PositionIntegrator:
     """Integral of the position error; a pause also stops the trajectory's clock."""
 
-    def __init__(self, settings: ControlSettings, time: int) -> None:
+    def __init__(
+        self,
+        settings: ControlSettings,
+        time: int,
+    ) -> None:
         self._settings = settings
         self.running = True
         self.pause_began = time
@@ -40,7 +44,11 @@ class PositionIntegrator:
         now = time if self.running else self.pause_began
         return now - self._paused_total
 
-    def toggle(self, time: int, error: int) -> None:
+    def toggle(
+        self,
+        time: int,
+        error: int,
+    ) -> None:
         """Pause, or resume."""
         if self.running:
             self.pause_began = time
@@ -48,7 +56,11 @@ class PositionIntegrator:
             self._paused_total += time - self.pause_began
         self.running = not self.running
 
-    def update(self, error: int, target_error: int) -> int:
+    def update(
+        self,
+        error: int,
+        target_error: int,
+    ) -> int:
         """Add the error of one control step, unless it winds up, and return the integral (mdeg
         s)."""
         s = self._settings
@@ -77,14 +89,25 @@ class PositionIntegrator:
             self.integral = integral
         return integral
 
-    def is_stalled(self, time: int, speed: int, reference_speed: int) -> bool:
+    def is_stalled(
+        self,
+        time: int,
+        speed: int,
+        reference_speed: int,
+    ) -> bool:
         # The proportional part at its limit pauses the integrator; the integral part at its own
         # limit is the other sign that the motor gives all it has.
         if self.running:
             limit = self._settings.max_integral
             if limit == 0 or -limit < self.integral < limit:
                 return False
-        return _stalls(self._settings, self.pause_began, time, speed, reference_speed)
+        return _stalls(
+            self._settings,
+            self.pause_began,
+            time,
+            speed,
+            reference_speed,
+        )
 
 
 class SpeedIntegrator:
@@ -105,7 +128,11 @@ class SpeedIntegrator:
             return self._paused_error
         return self._paused_error + (position_error - self._error_at_resume)
 
-    def toggle(self, time: int, position_error: int) -> None:
+    def toggle(
+        self,
+        time: int,
+        position_error: int,
+    ) -> None:
         """Pause, or resume."""
         if self.running:
             self._paused_error += position_error - self._error_at_resume
@@ -114,13 +141,30 @@ class SpeedIntegrator:
             self._error_at_resume = position_error
         self.running = not self.running
 
-    def is_stalled(self, time: int, speed: int, reference_speed: int) -> bool:
+    def is_stalled(
+        self,
+        time: int,
+        speed: int,
+        reference_speed: int,
+    ) -> bool:
         if self.running:
             return False
-        return _stalls(self._settings, self.pause_began, time, speed, reference_speed)
+        return _stalls(
+            self._settings,
+            self.pause_began,
+            time,
+            speed,
+            reference_speed,
+        )
 
 
-def _stalls(s: ControlSettings, since: int, time: int, speed: int, reference_speed: int) -> bool:
+def _stalls(
+    s: ControlSettings,
+    since: int,
+    time: int,
+    speed: int,
+    reference_speed: int,
+) -> bool:
     # Mirrored to a forward move: a motor that is pushed backward is slow, however fast it turns.
     if reference_speed < 0:
         reference_speed = -reference_speed
@@ -139,7 +183,12 @@ class Logger:
         self.is_active = False
         self.rows: list[tuple[int, ...]] = []
 
-    def start(self, time_ms: int, capacity: int, down_sample: int) -> None:
+    def start(
+        self,
+        time_ms: int,
+        capacity: int,
+        down_sample: int,
+    ) -> None:
         """Start anew: record one of ``down_sample`` rows, up to ``capacity`` of them."""
         self.rows = []
         self._start_ms = time_ms
@@ -148,7 +197,11 @@ class Logger:
         self._skipped = 0
         self.is_active = True
 
-    def add(self, time_ms: int, *values: int) -> None:
+    def add(
+        self,
+        time_ms: int,
+        *values: int,
+    ) -> None:
         """Record a row of the control loop."""
         self._skipped += 1
         if self._skipped < self._down_sample:
@@ -265,7 +318,11 @@ class Controller:
         self.stop()
         self.on_completion = OnCompletion.COAST
 
-    def reference(self, time: int, state: State) -> TrajectoryReference:
+    def reference(
+        self,
+        time: int,
+        state: State,
+    ) -> TrajectoryReference:
         """Reference at a time, without the shifts caused by load."""
         ref = self.trajectory.reference(self._trajectory_time(time))
         if self.type is not _TIMED:
@@ -274,7 +331,12 @@ class Controller:
         # have moved on by what the motor could not follow.
         error = ref.position - state.position
         shift = self._speed.error(error) - error
-        return TrajectoryReference(ref.time, ref.position + shift, ref.speed, ref.acceleration)
+        return TrajectoryReference(
+            ref.time,
+            ref.position + shift,
+            ref.speed,
+            ref.acceleration,
+        )
 
     # ---- commands
 
@@ -294,9 +356,19 @@ class Controller:
         if self.is_active:
             start = self.reference(time, state)
         else:
-            start = TrajectoryReference(time, state.position, state.speed, 0)
+            start = TrajectoryReference(
+                time,
+                state.position,
+                state.speed,
+                0,
+            )
         target_speed = speed or self.settings.default_speed
-        command = self._command(start, target_speed, then, end=target)
+        command = self._command(
+            start,
+            target_speed,
+            then,
+            end=target,
+        )
         new = trajectories.to_angle(command)
         if self.type is _POSITION and allow_shift and new.a0 == start.acceleration:
             # Start where the current phase began, so that commands in a tight loop do not
@@ -327,25 +399,56 @@ class Controller:
             tolerance = self.settings.position_tolerance * 2
             if self.on_completion.is_smart and abs(end - origin) < tolerance:
                 origin = end
-        self.start_position(time, state, origin + distance, speed, then, allow_shift)
+        self.start_position(
+            time,
+            state,
+            origin + distance,
+            speed,
+            then,
+            allow_shift,
+        )
 
-    def start_hold(self, time: int, position: int) -> None:
+    def start_hold(
+        self,
+        time: int,
+        position: int,
+    ) -> None:
         """Hold a position, without a ramp to it."""
         # The time as an active controller counts it, whose pauses the integrator keeps.
         constant = Trajectory(self._trajectory_time(time), position)
-        self._follow(_POSITION, constant, time, OnCompletion.HOLD)
+        self._follow(
+            _POSITION,
+            constant,
+            time,
+            OnCompletion.HOLD,
+        )
 
     def start_timed(
-        self, time: int, state: State, duration: int, speed: int, then: OnCompletion
+        self,
+        time: int,
+        state: State,
+        duration: int,
+        speed: int,
+        then: OnCompletion,
     ) -> None:
         """Run at a speed (control units) for a duration in ticks."""
         # A smart stop is about a target, which a timed move does not have.
         if then.is_smart:
             then = then.passive
-        start = TrajectoryReference(time, state.position, state.speed, 0)
+        start = TrajectoryReference(
+            time,
+            state.position,
+            state.speed,
+            0,
+        )
         if self.is_active:
             start = self.trajectory.reference(self._trajectory_time(time))
-        command = self._command(start._replace(time=time), speed, then, duration=duration)
+        command = self._command(
+            start._replace(time=time),
+            speed,
+            then,
+            duration=duration,
+        )
         new = trajectories.for_time(command)
         # As in start_position: no rounding errors that add up in a tight loop.
         if self.type is _TIMED and new.a0 == start.acceleration:
@@ -353,11 +456,27 @@ class Controller:
             new = trajectories.for_time(_from_vertex(command, vertex))
         self._follow(_TIMED, new, time, then)
 
-    def start_forever(self, time: int, state: State, speed: int) -> None:
-        self.start_timed(time, state, _FOREVER, speed, OnCompletion.CONTINUE)
+    def start_forever(
+        self,
+        time: int,
+        state: State,
+        speed: int,
+    ) -> None:
+        self.start_timed(
+            time,
+            state,
+            _FOREVER,
+            speed,
+            OnCompletion.CONTINUE,
+        )
 
     def start_until_stalled(
-        self, time: int, state: State, speed: int, torque_limit: int, then: OnCompletion
+        self,
+        time: int,
+        state: State,
+        speed: int,
+        torque_limit: int,
+        then: OnCompletion,
     ) -> None:
         """Run until stalled, with a torque limit (uNm) for this run only.
 
@@ -372,7 +491,11 @@ class Controller:
         self.torque_limit = torque_limit
 
     def _command(
-        self, start: TrajectoryReference, speed: int, then: OnCompletion, **goal: int
+        self,
+        start: TrajectoryReference,
+        speed: int,
+        then: OnCompletion,
+        **goal: int,
     ) -> TrajectoryCommand:
         s = self.settings
         return TrajectoryCommand(
@@ -440,7 +563,10 @@ class Controller:
         # Anti-windup: at the limit the reference waits for the motor. The cheap comparison comes
         # first, as it settles nearly all steps.
         at_limit = abs(proportional) >= limit and self._is_winding_up(
-            proportional, speed, reference_speed, acceleration
+            proportional,
+            speed,
+            reference_speed,
+            acceleration,
         )
         if integrator.running is (at_limit or paused_by_other):
             integrator.toggle(time, error)
@@ -486,7 +612,11 @@ class Controller:
         return 0, reference_speed, acceleration, then.passive, at_limit
 
     def log_row(
-        self, time_ms: int, state: State, torque: int, passive: OnCompletion | None
+        self,
+        time_ms: int,
+        state: State,
+        torque: int,
+        passive: OnCompletion | None,
     ) -> None:
         """Log the last :meth:`update` and its outcome."""
         s = self.settings
@@ -517,7 +647,11 @@ class Controller:
         return time
 
     def _follow(
-        self, new: ControlType, trajectory: Trajectory, time: int, then: OnCompletion
+        self,
+        new: ControlType,
+        trajectory: Trajectory,
+        time: int,
+        then: OnCompletion,
     ) -> None:
         self.trajectory = trajectory
         # ``wu`` is in ddeg/s, the limit in mdeg/s.
@@ -540,7 +674,11 @@ class Controller:
         self.type = new
         self._until_stalled = False
 
-    def _soft_kp(self, error: int, target_error: int) -> int:
+    def _soft_kp(
+        self,
+        error: int,
+        target_error: int,
+    ) -> int:
         """Position gain of a slow move: reduced for small errors, full near the target."""
         s = self.settings
         target_error = abs(target_error)
@@ -565,7 +703,11 @@ class Controller:
         return max(by_error, low + added)
 
     def _is_winding_up(
-        self, proportional: int, speed: int, reference_speed: int, acceleration: int
+        self,
+        proportional: int,
+        speed: int,
+        reference_speed: int,
+        acceleration: int,
     ) -> bool:
         """Whether the proportional part alone exceeds the torque limit, and the reference will not
         reduce it."""
@@ -583,7 +725,12 @@ class Controller:
         acceleration_helps = sign == -_sign(acceleration)
         return not speed_helps and not acceleration_helps
 
-    def _has_arrived(self, remaining: int, end_speed: int, speed: int) -> bool:
+    def _has_arrived(
+        self,
+        remaining: int,
+        end_speed: int,
+        speed: int,
+    ) -> bool:
         """Whether the end is reached, given that its time is over."""
         if self.type is _TIMED:
             return not self._until_stalled
@@ -600,5 +747,8 @@ def _from_vertex(command: TrajectoryCommand, vertex: TrajectoryReference) -> Tra
     if command.duration:
         duration = command.duration + command.time - vertex.time
     return command._replace(
-        time=vertex.time, position=vertex.position, speed=vertex.speed, duration=duration
+        time=vertex.time,
+        position=vertex.position,
+        speed=vertex.speed,
+        duration=duration,
     )

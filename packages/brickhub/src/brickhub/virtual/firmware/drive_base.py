@@ -199,10 +199,19 @@ class DriveBaseControl:
 
     # ---- commands
 
-    def straight(self, distance_mm: int, then: OnCompletion) -> None:
+    def straight(
+        self,
+        distance_mm: int,
+        then: OnCompletion,
+    ) -> None:
         self._drive_relative(distance_mm, 0, then)
 
-    def curve(self, radius_mm: int, angle_deg: int, then: OnCompletion) -> None:
+    def curve(
+        self,
+        radius_mm: int,
+        angle_deg: int,
+        then: OnCompletion,
+    ) -> None:
         """Turn by an angle along an arc; radius 0 turns in place, a negative radius drives
         backwards."""
         # 573 is ten times the degrees of a radian, in the firmware's integers.
@@ -210,17 +219,32 @@ class DriveBaseControl:
         turn_deg = -angle_deg if radius_mm < 0 else angle_deg
         self._drive_relative(length_mm, turn_deg, then)
 
-    def turn(self, angle_deg: int, then: OnCompletion) -> None:
+    def turn(
+        self,
+        angle_deg: int,
+        then: OnCompletion,
+    ) -> None:
         """Turn in place by an angle."""
         heading = self.heading
         way = angle_deg * heading.settings.steps_per_unit
 
         def start(time: int, state: State) -> None:
-            heading.start_relative(time, state, way, 0, then, allow_shift=False)
+            heading.start_relative(
+                time,
+                state,
+                way,
+                0,
+                then,
+                allow_shift=False,
+            )
 
         self._turn(start, then)
 
-    def turn_to(self, angle_deg: int, then: OnCompletion) -> None:
+    def turn_to(
+        self,
+        angle_deg: int,
+        then: OnCompletion,
+    ) -> None:
         """Turn in place to a heading modulo 360 degrees, the shorter way."""
         heading = self.heading
         steps_per_deg = heading.settings.steps_per_unit
@@ -239,20 +263,41 @@ class DriveBaseControl:
         target = (angle_deg - 360 * turns) * steps_per_deg
 
         def start(time: int, state: State) -> None:
-            heading.start_position(time, state, target, 0, then)
+            heading.start_position(
+                time,
+                state,
+                target,
+                0,
+                then,
+            )
 
         self._turn(start, then)
 
-    def _turn(self, start: Callable[[int, State], None], then: OnCompletion) -> None:
+    def _turn(
+        self,
+        start: Callable[[int, State], None],
+        then: OnCompletion,
+    ) -> None:
         """Turn in place and hold the distance for the same time, even if stopping takes longer."""
         distance, heading = self._begin()
         time = self._clock.time_ticks
-        self.distance.start_relative(time, distance, 0, 0, then, allow_shift=False)
+        self.distance.start_relative(
+            time,
+            distance,
+            0,
+            0,
+            then,
+            allow_shift=False,
+        )
         start(time, heading)
         self.distance.trajectory.stretch(self.heading.trajectory)
 
     def arc(
-        self, radius_mm: int, distance_mm: int | None, angle_deg: int, then: OnCompletion
+        self,
+        radius_mm: int,
+        distance_mm: int | None,
+        angle_deg: int,
+        then: OnCompletion,
     ) -> None:
         """Drive a distance, or turn by an angle, along an arc, to the right for a positive radius;
         negative ones drive backwards. Raises RefusedError for a radius under 10 mm."""
@@ -268,7 +313,11 @@ class DriveBaseControl:
         turn_deg = angle_deg if goes_right else -angle_deg
         self._drive_relative(distance_mm, turn_deg, then)
 
-    def drive(self, speed_mm_s: int, turn_rate_deg_s: int) -> None:
+    def drive(
+        self,
+        speed_mm_s: int,
+        turn_rate_deg_s: int,
+    ) -> None:
         """Drive until the next command."""
         distance, heading = self._begin()
         time = self._clock.time_ticks
@@ -297,7 +346,11 @@ class DriveBaseControl:
             self.left.set_voltage(None)
             self.right.set_voltage(None)
 
-    def reset(self, distance_mm: int, angle_deg: int) -> None:
+    def reset(
+        self,
+        distance_mm: int,
+        angle_deg: int,
+    ) -> None:
         """Set distance and heading, also the gyroscope's if in use; a running move stops."""
         self.stop(OnCompletion.COAST)
         # The angles of the motors stay: only the zeros of the drive base move.
@@ -397,9 +450,19 @@ class DriveBaseControl:
         action = heading.update(time, *heading_state[:3], self._paused)
         turn_torque, turn_speed, turn_acceleration, end_of_heading, heading_at_limit = action
         if distance.log.is_active:
-            distance.log_row(self._clock.time_ms, distance_state, torque, end_of_distance)
+            distance.log_row(
+                self._clock.time_ms,
+                distance_state,
+                torque,
+                end_of_distance,
+            )
         if heading.log.is_active:
-            heading.log_row(self._clock.time_ms, heading_state, turn_torque, end_of_heading)
+            heading.log_row(
+                self._clock.time_ms,
+                heading_state,
+                turn_torque,
+                end_of_heading,
+            )
         # Both pause while one is saturated, so that they arrive together.
         self._paused = distance_at_limit or heading_at_limit
         # The first of both that becomes passive ends the move of both.
@@ -431,7 +494,11 @@ class DriveBaseControl:
         distance = mean(self.left.angle(), right)
         return distance, difference(distance, right)
 
-    def _set_zero(self, distance: Angle, heading: Angle) -> None:
+    def _set_zero(
+        self,
+        distance: Angle,
+        heading: Angle,
+    ) -> None:
         self._distance_zero = distance
         self._heading_zero = heading
         self._distance_zero_mdeg = to_mdeg(distance)
@@ -461,8 +528,18 @@ class DriveBaseControl:
             steps = self.heading.settings.steps_per_unit
             lead = to_mdeg(gyro.angle(steps))
             turn_rate = trunc(gyro.rate_deg_s() * steps)
-        distance = State(position - distance_zero, speed, estimate, angle - distance_zero)
-        heading = State(lead, turn_rate, estimate - right.speed, lead_estimate)
+        distance = State(
+            position - distance_zero,
+            speed,
+            estimate,
+            angle - distance_zero,
+        )
+        heading = State(
+            lead,
+            turn_rate,
+            estimate - right.speed,
+            lead_estimate,
+        )
         return distance, heading
 
     def _check_open(self) -> None:
@@ -478,13 +555,32 @@ class DriveBaseControl:
         self.right.control.stop()
         return self._measured()
 
-    def _drive_relative(self, distance_mm: int, angle_deg: int, then: OnCompletion) -> None:
+    def _drive_relative(
+        self,
+        distance_mm: int,
+        angle_deg: int,
+        then: OnCompletion,
+    ) -> None:
         length = distance_mm * self.distance.settings.steps_per_unit
         turn = angle_deg * self.heading.settings.steps_per_unit
         distance, heading = self._begin()
         time = self._clock.time_ticks
-        self.distance.start_relative(time, distance, length, 0, then, allow_shift=False)
-        self.heading.start_relative(time, heading, turn, 0, then, allow_shift=False)
+        self.distance.start_relative(
+            time,
+            distance,
+            length,
+            0,
+            then,
+            allow_shift=False,
+        )
+        self.heading.start_relative(
+            time,
+            heading,
+            turn,
+            0,
+            then,
+            allow_shift=False,
+        )
         # The shorter of both is stretched, so that the robot drives an arc all the way.
         leader = self.heading.trajectory
         follower = self.distance.trajectory

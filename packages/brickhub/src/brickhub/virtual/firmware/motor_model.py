@@ -67,7 +67,11 @@ class ObserverModel:
         return trunc(PRESCALE_VOLTAGE * voltage / self.torque_by_voltage)
 
     def drive_mv(
-        self, torque_unm: int, speed: int, acceleration: int, limit_unm: int = MAX_TORQUE_UNM
+        self,
+        torque_unm: int,
+        speed: int,
+        acceleration: int,
+        limit_unm: int = MAX_TORQUE_UNM,
     ) -> int:
         """Voltage for a torque plus the feedforward of a reference; their sum is limited, to at
         most MAX_TORQUE_UNM."""
@@ -78,7 +82,11 @@ class ObserverModel:
             torque = -limit_unm
         return trunc(PRESCALE_TORQUE * torque / self.voltage_by_torque)
 
-    def feedforward_unm(self, speed: int, acceleration: int) -> int:
+    def feedforward_unm(
+        self,
+        speed: int,
+        acceleration: int,
+    ) -> int:
         """Torque to follow a reference: half the friction, back-EMF, inertia."""
         # In each control step of each motor, most of which hold or cruise: terms that are 0 are
         # left out, and a clamp is called only where something is to be clamped.
@@ -130,37 +138,37 @@ _TYPES = {
         (179217, 1950303, 5654927, -425928), (956, 7666, 11702, -1085),
         (-249247, -9356019, 349105, 383927),
         22334, 17203, 12282, 35129, 9182,
-    ), 620, 30, 11, 150, max_voltage_mv=6000),
+    ), 620, 30, 11, 150, max_voltage_mv=6000,),
     "spike-medium": MotorType(ObserverModel(
         (177194, 2407354, 7431528, -919183), (934, 8311, 14444, -2332),
         (-165023, 1058029, 225610, 629020),
         47606, 8071, 5903, 16163, 21413,
-    ), 1000, 45, 11, 150),
+    ), 1000, 45, 11, 150,),
     "spike-large": MotorType(ObserverModel(
         (174943, 8368268, 13442903, -3690545), (904, 26508, 25105, -9310),
         (-58045, 396164, 86900, 975141),
         133763, 2872, 1919, 3997, 23239,
-    ), 1000, 45, 11, 150),
+    ), 1000, 45, 11, 150,),
     "technic-l": MotorType(ObserverModel(
         (175977, 5728019, 6164994, -1377701), (912, 22787, 12888, -3482),
         (-159828, -44152415, 142828, 794862),
         62889, 6110, 6837, 10751, 26430,
-    ), 1500, 45, 20, 250),
+    ), 1500, 45, 20, 250,),
     "technic-xl": MotorType(ObserverModel(
         (176559, 8098298, 5471477, -1282598), (916, 35736, 12148, -3244),
         (-175173, -7606150, 156891, 729279),
         55617, 6908, 7713, 11578, 12893,
-    ), 1500, 45, 20, 250),
+    ), 1500, 45, 20, 250,),
     "interactive": MotorType(ObserverModel(
         (179110, 7311289, 4603893, -728461), (941, 35750, 10967, -1850),
         (-316164, -12014584, 355664, 668004),
         32225, 11923, 10599, 20588, 11227,
-    ), 1200, 45, 12, 0),
+    ), 1200, 45, 12, 0,),
     "move-hub": MotorType(ObserverModel(
         (176283, 7437051, 5022928, -966059), (913, 32807, 11156, -2442),
         (-202833, -8118383, 157720, 636829),
         45536, 8438, 10851, 15357, 24835,
-    ), 1500, 45, 20, 250),
+    ), 1500, 45, 20, 250,),
 }  # fmt: skip
 MOTOR_TYPES = {kind: _TYPES[kind.model.like or kind.value] for kind in MotorKind}
 """Properties by kind of motor; some kinds have those of another, as in the firmware."""
@@ -196,7 +204,11 @@ class Observer:
             time it counts as stalled.
     """
 
-    def __init__(self, motor: MotorType, settings: ControlSettings) -> None:
+    def __init__(
+        self,
+        motor: MotorType,
+        settings: ControlSettings,
+    ) -> None:
         model = motor.model
         gain = motor.observer_gain
         # A feedback that friction alone explains is no sign of a load.
@@ -259,7 +271,12 @@ class Observer:
         voltage = min(voltage, MAX_VOLTAGE_MV)
         return voltage if error > 0 else -voltage
 
-    def update(self, time: int, angle: int, voltage_mv: int) -> None:
+    def update(
+        self,
+        time: int,
+        angle: int,
+        voltage_mv: int,
+    ) -> None:
         """One 5 ms step with the measured angle and the applied voltage."""
         history = self.history
         history.append(angle)

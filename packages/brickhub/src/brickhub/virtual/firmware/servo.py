@@ -47,7 +47,13 @@ class Servo:
         driven_ms: time at which it began to coast; ``None`` before its first voltage.
     """
 
-    def __init__(self, kind: MotorKind, port: str, body: Body, clock: Clock) -> None:
+    def __init__(
+        self,
+        kind: MotorKind,
+        port: str,
+        body: Body,
+        clock: Clock,
+    ) -> None:
         self.kind = kind
         self.port = port
         self.body = body
@@ -85,7 +91,11 @@ class Servo:
         self.max_voltage_mv = value_mv
 
     def setup(
-        self, direction: Direction, gear_ratio_milli: int, reset_angle: bool, profile_deg: int
+        self,
+        direction: Direction,
+        gear_ratio_milli: int,
+        reset_angle: bool,
+        profile_deg: int,
     ) -> None:
         """Take the motor into use; ``gear_ratio_milli`` is 1000 times the motor's turns for one of
         the output. Raises OSError (EBUSY) if it is in use, ValueError if the gear ratio or the
@@ -144,7 +154,12 @@ class Servo:
     def state(self) -> State:
         observer = self.observer
         position = self.position()
-        return State(position, observer.measured_speed, observer.speed, observer.angle)
+        return State(
+            position,
+            observer.measured_speed,
+            observer.speed,
+            observer.angle,
+        )
 
     def angle_deg(self) -> int:
         self.check_open()
@@ -244,12 +259,21 @@ class Servo:
         control_speed = self.settings.from_unit(speed)
         self.control.start_forever(self.clock.time_ticks, self.state(), control_speed)
 
-    def run_time(self, speed: int, time_ms: int, then: OnCompletion) -> None:
+    def run_time(
+        self,
+        speed: int,
+        time_ms: int,
+        then: OnCompletion,
+    ) -> None:
         self._take_over()
         duration_ticks = time_ms * 10
         control_speed = self.settings.from_unit(speed)
         self.control.start_timed(
-            self.clock.time_ticks, self.state(), duration_ticks, control_speed, then
+            self.clock.time_ticks,
+            self.state(),
+            duration_ticks,
+            control_speed,
+            then,
         )
 
     def run_until_stalled(
@@ -275,20 +299,38 @@ class Servo:
             clockwise = self.direction if control_speed > 0 else -self.direction
             self.body.block(self.port, clockwise)
         self.control.start_until_stalled(
-            self.clock.time_ticks, self.state(), control_speed, limit, then
+            self.clock.time_ticks,
+            self.state(),
+            control_speed,
+            limit,
+            then,
         )
 
-    def run_angle(self, speed: int, angle: int, then: OnCompletion) -> None:
+    def run_angle(
+        self,
+        speed: int,
+        angle: int,
+        then: OnCompletion,
+    ) -> None:
         """Run by an angle; a negative speed reverses it, at speed 0 the motor stays."""
         self._take_over()
         s = self.settings
         sign = (speed > 0) - (speed < 0)
         distance = sign * angle * s.steps_per_unit
         self.control.start_relative(
-            self.clock.time_ticks, self.state(), distance, s.from_unit(speed), then
+            self.clock.time_ticks,
+            self.state(),
+            distance,
+            s.from_unit(speed),
+            then,
         )
 
-    def run_target(self, speed: int, target: int, then: OnCompletion) -> None:
+    def run_target(
+        self,
+        speed: int,
+        target: int,
+        then: OnCompletion,
+    ) -> None:
         """Run to an angle at the magnitude of the speed; at speed 0 the motor stays."""
         # The controller takes speed 0 for its default speed.
         if speed == 0:
@@ -298,7 +340,11 @@ class Servo:
         s = self.settings
         target_position = target * s.steps_per_unit
         self.control.start_position(
-            self.clock.time_ticks, self.state(), target_position, s.from_unit(speed), then
+            self.clock.time_ticks,
+            self.state(),
+            target_position,
+            s.from_unit(speed),
+            then,
         )
 
     def track_target(self, target: int) -> None:
@@ -322,20 +368,40 @@ class Servo:
         # step, and the observer then predicts with the voltage of this one.
         if control.type is not _NONE:
             torque, speed, acceleration, passive, _ = control.update(
-                time, position, observer.measured_speed, observer.speed
+                time,
+                position,
+                observer.measured_speed,
+                observer.speed,
             )
             if passive is None:
-                self.set_voltage(self._drive_mv(torque, speed, acceleration, control.torque_limit))
+                self.set_voltage(
+                    self._drive_mv(
+                        torque,
+                        speed,
+                        acceleration,
+                        control.torque_limit,
+                    )
+                )
             else:
                 self.set_voltage(None if passive is OnCompletion.COAST else 0)
             if control.log.is_active:
-                control.log_row(self.clock.time_ms, self.state(), torque, passive)
+                control.log_row(
+                    self.clock.time_ms,
+                    self.state(),
+                    torque,
+                    passive,
+                )
         if self.log.is_active:
             feedforward = self.type.model.feedforward_unm(speed, acceleration)
             self._log_row(position, torque, feedforward)
         observer.update(time, position, self.voltage_mv or 0)
 
-    def actuate(self, torque_unm: int, speed: int, acceleration: int) -> None:
+    def actuate(
+        self,
+        torque_unm: int,
+        speed: int,
+        acceleration: int,
+    ) -> None:
         """Exert a torque plus the feedforward of a reference (mdeg/s, mdeg/s2)."""
         self.set_voltage(self._drive_mv(torque_unm, speed, acceleration))
 
@@ -355,7 +421,12 @@ class Servo:
         self.voltage_mv = voltage_mv
         self.body.set_voltage(self.port, voltage_mv * self.direction)
 
-    def _log_row(self, position: int, feedback_unm: int, feedforward_unm: int) -> None:
+    def _log_row(
+        self,
+        position: int,
+        feedback_unm: int,
+        feedforward_unm: int,
+    ) -> None:
         s = self.settings
         observer = self.observer
         # The firmware packs the kind of actuation and the stall flag into one column.
@@ -408,7 +479,11 @@ class Servo:
         self._zero_mdeg = to_mdeg(zero)
 
 
-def servo_settings(motor: MotorType, gear_ratio_milli: int, profile_deg: int) -> ControlSettings:
+def servo_settings(
+    motor: MotorType,
+    gear_ratio_milli: int,
+    profile_deg: int,
+) -> ControlSettings:
     """The firmware's settings of a single motor. Raises ValueError for a gear ratio under 1/1000 or
     a profile under 5 degrees."""
     precision_deg = profile_deg or motor.precision_deg

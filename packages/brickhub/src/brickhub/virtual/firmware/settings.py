@@ -71,7 +71,13 @@ class ControlSettings:
             self.max_torque // 1000,
         )
 
-    def set_limits(self, speed: int, acceleration: int, deceleration: int, torque_mnm: int) -> None:
+    def set_limits(
+        self,
+        speed: int,
+        acceleration: int,
+        deceleration: int,
+        torque_mnm: int,
+    ) -> None:
         """Set what :meth:`limits` returns. Raises ValueError for a value out of range; if only the
         torque is, the others are set."""
         validate_speed(self.steps_per_unit, speed)
@@ -96,7 +102,11 @@ class ControlSettings:
             values.append(trunc(control_value / self._steps(kind)))
         return tuple(values)
 
-    def set_group(self, name: str, values: Iterable[int]) -> None:
+    def set_group(
+        self,
+        name: str,
+        values: Iterable[int],
+    ) -> None:
         """Set what :meth:`group` returns. Raises ValueError for a value out of range."""
         kinds = _GROUPS[name]
         new_values = dict(zip(kinds, values, strict=True))
@@ -157,7 +167,13 @@ def drive_base_settings(
 
     # What both motors can do: the lower limits and gains, the wider dead zone, the longer hold.
     weaker = of_both(
-        min, "max_speed", "kd", "integral_rate", "speed_tolerance", "stall_speed", "stall_time"
+        min,
+        "max_speed",
+        "kd",
+        "integral_rate",
+        "speed_tolerance",
+        "stall_speed",
+        "stall_time",
     )
     weaker |= of_both(max, "integral_deadzone", "smart_hold_time")
     # The lower gain of both, so that neither motor is controlled too harshly, the reduced one for

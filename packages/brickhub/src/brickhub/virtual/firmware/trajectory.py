@@ -81,7 +81,11 @@ class Trajectory:
         "wu",
     )
 
-    def __init__(self, time: int, position: int) -> None:
+    def __init__(
+        self,
+        time: int,
+        position: int,
+    ) -> None:
         """A constant trajectory."""
         self.time = time
         self.position = position
@@ -174,8 +178,19 @@ class Trajectory:
         self.th2 = self.th1 + _angle(self.w1, self.t2 - self.t1)
         self.end = self._endpoint()
 
-    def _point(self, t: int, th: int, w: int, a: int) -> TrajectoryReference:
-        return TrajectoryReference(self.time + t, self.position + th, w * 100, a * 1000)
+    def _point(
+        self,
+        t: int,
+        th: int,
+        w: int,
+        a: int,
+    ) -> TrajectoryReference:
+        return TrajectoryReference(
+            self.time + t,
+            self.position + th,
+            w * 100,
+            a * 1000,
+        )
 
     def _endpoint(self) -> TrajectoryReference:
         return self._point(self.t3, self.th3, self.w3, 0)
@@ -218,7 +233,9 @@ def for_time(command: TrajectoryCommand) -> Trajectory:
 
 
 def _built(
-    command: TrajectoryCommand, backward: bool, build: Callable[[TrajectoryCommand], Trajectory]
+    command: TrajectoryCommand,
+    backward: bool,
+    build: Callable[[TrajectoryCommand], Trajectory],
 ) -> Trajectory:
     """The trajectory of a command, built forward."""
     speed = -command.speed if backward else command.speed
@@ -267,7 +284,11 @@ def _angle(w: int, t: int) -> int:
     return trunc(w * t / 100)
 
 
-def _ramp_angle(w_end: int, w_start: int, a: int) -> int:
+def _ramp_angle(
+    w_end: int,
+    w_start: int,
+    a: int,
+) -> int:
     """Angle turned while the speed changes."""
     change_of_square = w_end * w_end - w_start * w_start
     # 5 is the half of the formula, times 10 for the units: the square of a ddeg/s by a deg/s2 is
@@ -279,7 +300,11 @@ def _ramp_time(w: int, a: int) -> int:
     return trunc(w * 1000 / a)
 
 
-def _start_speed(w_end: int, a: int, th: int) -> int:
+def _start_speed(
+    w_end: int,
+    a: int,
+    th: int,
+) -> int:
     """Speed from which ``a`` leads to ``w_end`` within an angle."""
     square = w_end * w_end + trunc(a * th / 5)
     # Rounding may put the square a little below zero.
@@ -350,7 +375,12 @@ def _forward_angle(command: TrajectoryCommand) -> Trajectory:
     tr.a0 = a0
     tr.a2 = a2
     if th2 < th1:
-        _join_ramps(tr, origin, accel, command.keep_running)
+        _join_ramps(
+            tr,
+            origin,
+            accel,
+            command.keep_running,
+        )
     # Angles were the goal; the times follow from them.
     cruise = 0
     if tr.th2 != tr.th1:
@@ -364,7 +394,12 @@ def _forward_angle(command: TrajectoryCommand) -> Trajectory:
     return tr
 
 
-def _join_ramps(tr: Trajectory, origin: int, accel: int, keep_running: bool) -> None:
+def _join_ramps(
+    tr: Trajectory,
+    origin: int,
+    accel: int,
+    keep_running: bool,
+) -> None:
     """Let the ramps meet without a cruise, for an angle that is too small for the target speed."""
     if keep_running and tr.a0 > 0:
         # It speeds up to the very end, and goes on with what it has reached there.

@@ -127,12 +127,22 @@ _KINDS_WITHOUT_KEYWORDS = frozenset(
 )
 
 
-def build_class(body: Any, class_name: str, *bases: Any, **keywords: Any) -> Any:
+def build_class(
+    body: Any,
+    class_name: str,
+    *bases: Any,
+    **keywords: Any,
+) -> Any:
     """Implementation of the ``class`` statement. Raises NotImplementedError if there are several
     bases."""
     if len(bases) > 1:
         raise NotImplementedError("multiple inheritance not supported")
-    cls = builtins.__build_class__(body, class_name, *bases, **keywords)
+    cls = builtins.__build_class__(
+        body,
+        class_name,
+        *bases,
+        **keywords,
+    )
     # CPython looks for these in the class, so they have to go from it.
     for method in _UNUSED:
         if method in cls.__dict__:
@@ -184,7 +194,11 @@ def defines(kind: type, name: str) -> bool:
 class HubStaticMethod(staticmethod):  # type: ignore[type-arg]
     """``staticmethod``: on a hub it can be called through a class only."""
 
-    def __call__(self, *args: Any, **kwargs: Any) -> Any:
+    def __call__(
+        self,
+        *args: Any,
+        **kwargs: Any,
+    ) -> Any:
         raise TypeError("'staticmethod' object isn't callable")
 
 
@@ -235,7 +249,11 @@ def visible_attribute(value: Any, name: str) -> Any:
     raise AttributeError(f"{subject} has no attribute '{name}'")
 
 
-def _is_visible(value: Any, owner: type, name: str) -> bool:
+def _is_visible(
+    value: Any,
+    owner: type,
+    name: str,
+) -> bool:
     if any(defines(kind, name) for kind in owner.__mro__):
         return True
     if owner is not value and name in getattr(value, "__dict__", ()):
@@ -247,7 +265,11 @@ def _is_visible(value: Any, owner: type, name: str) -> bool:
     return not any(name in _HIDDEN.get(kind, ()) for kind in owner.__mro__)
 
 
-def store_attribute(value: Any, owner: Any, name: str) -> None:
+def store_attribute(
+    value: Any,
+    owner: Any,
+    name: str,
+) -> None:
     """``owner.name = value``; fails for functions, modules, types and firmware objects. Raises
     AttributeError as on the hub."""
     if _is_closed(owner):
@@ -332,7 +354,9 @@ def with_keywords(function: Any) -> Any:
 
 
 def _with_named_arguments(
-    function: Callable[..., Any], names: tuple[str, ...], required: int
+    function: Callable[..., Any],
+    names: tuple[str, ...],
+    required: int,
 ) -> Callable[..., Any]:
     """The function, as one of the firmware with these arguments, of which the first ones are
     ``required``."""
@@ -373,7 +397,11 @@ class Manager:
         reword: gives an error the hub's message.
     """
 
-    def __init__(self, value: Any, reword: Callable[[BaseException], BaseException]) -> None:
+    def __init__(
+        self,
+        value: Any,
+        reword: Callable[[BaseException], BaseException],
+    ) -> None:
         # In this order, so the message of a value without both names `__exit__`.
         self._exit = visible_attribute(value, "__exit__")
         self._enter = visible_attribute(value, "__enter__")
@@ -383,7 +411,10 @@ class Manager:
         return self._enter()
 
     def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: object
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: object,
     ) -> Any:
         # Neither a hub that is switched off leaves its blocks, nor a generator that is dropped.
         is_of_dropped = isinstance(error, GeneratorExit) and is_dropped()

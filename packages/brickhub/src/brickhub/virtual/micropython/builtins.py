@@ -122,7 +122,12 @@ def _number_functions(
         quotient, rest = divmod(a, b)
         return normalize(quotient), normalize(rest)
 
-    def pow_(a: Any, b: Any, modulus: int | None = None, /) -> Any:
+    def pow_(
+        a: Any,
+        b: Any,
+        modulus: int | None = None,
+        /,
+    ) -> Any:
         if modulus is not None:
             raise NotImplementedError("3-arg pow() not supported")
         return power(a, b)
@@ -167,7 +172,12 @@ def _expect_text(*values: Any) -> None:
 
 
 def _stream_functions(console: Console) -> dict[str, Any]:
-    def print_(*values: Any, sep: str = " ", end: str = "\n", file: Any = None) -> None:
+    def print_(
+        *values: Any,
+        sep: str = " ",
+        end: str = "\n",
+        file: Any = None,
+    ) -> None:
         _expect_text(sep, end)
         if file is None:
             line = sep.join(map(text, values)) + end
@@ -237,7 +247,11 @@ def _delete_global(name: str) -> None:
     del names[name]
 
 
-def getattr_(value: Any, name: str, *default: Any) -> Any:
+def getattr_(
+    value: Any,
+    name: str,
+    *default: Any,
+) -> Any:
     _expect_text(name)
     try:
         if attributes.may_be_hidden(name):
@@ -272,7 +286,12 @@ def issubclass_(kind: Any, kinds: Any) -> bool:
     return issubclass(kind, kinds)
 
 
-def setattr_(value: Any, name: str, new: Any, /) -> None:
+def setattr_(
+    value: Any,
+    name: str,
+    new: Any,
+    /,
+) -> None:
     _expect_text(name)
     attributes.store_attribute(new, value, name)
 
@@ -293,7 +312,11 @@ def _namespace(frame: FrameType) -> Any:
     return frame.f_locals if is_class else frame.f_globals
 
 
-def _run(code: Any, globals: dict[str, Any] | None, locals: Any) -> Any:
+def _run(
+    code: Any,
+    globals: dict[str, Any] | None,
+    locals: Any,
+) -> Any:
     # That of the program which called `eval` or `exec`.
     frame = sys._getframe(2)
     if not (isinstance(globals, dict | None) and isinstance(locals, dict | None)):
@@ -315,7 +338,11 @@ def _run(code: Any, globals: dict[str, Any] | None, locals: Any) -> Any:
             _write_back(names, globals, added)
 
 
-def _write_back(names: dict[str, Any], globals: dict[str, Any], added: Collection[str]) -> None:
+def _write_back(
+    names: dict[str, Any],
+    globals: dict[str, Any],
+    added: Collection[str],
+) -> None:
     """Changes of a copy of a program's dict, without what was added for CPython."""
     for name in set(globals) - set(names):
         del globals[name]
@@ -328,11 +355,19 @@ def _decoded(source: Any) -> str:
     return as_bytes(source).decode()
 
 
-def eval_(source: Any, globals: dict[str, Any] | None = None, locals: Any = None) -> Any:
+def eval_(
+    source: Any,
+    globals: dict[str, Any] | None = None,
+    locals: Any = None,
+) -> Any:
     return _run(compile_string(_decoded(source), "eval"), globals, locals)
 
 
-def exec_(source: Any, globals: dict[str, Any] | None = None, locals: Any = None) -> None:
+def exec_(
+    source: Any,
+    globals: dict[str, Any] | None = None,
+    locals: Any = None,
+) -> None:
     _run(compile_string(_decoded(source)), globals, locals)
 
 

@@ -190,7 +190,11 @@ def _assigned(nodes: Collection[ast.AST]) -> Iterator[str]:
 
 
 @functools.lru_cache(maxsize=64)
-def compile_source(source: str, filename: str, mode: str = "exec") -> CodeType:
+def compile_source(
+    source: str,
+    filename: str,
+    mode: str = "exec",
+) -> CodeType:
     """Code of a program, or of an expression (``mode="eval"``). Raises SyntaxError if the hub's
     compiler refuses it, OverflowError if a constant needs more than 31 bits."""
     # The hub's own compiler goes first: what it refuses is refused in its words, and CPython's
@@ -214,7 +218,12 @@ def compile_source(source: str, filename: str, mode: str = "exec") -> CodeType:
             _Loser().visit(tree)
         recursive = _recursive_names(tree)
         transformed = transform(tree, recursive, floats)
-        code = compile(transformed, filename, mode, dont_inherit=True)
+        code = compile(
+            transformed,
+            filename,
+            mode,
+            dont_inherit=True,
+        )
     mangled = _mangled(tree, source)
     words = frozenset(re.findall(r"\w+", source))
     return _with_names_of_hub(code, mangled, words)
@@ -314,7 +323,9 @@ def _called_names(function: ast.AST) -> Iterator[str]:
 
 
 def _with_names_of_hub(
-    code: CodeType, mangled: re.Pattern[str] | None, words: frozenset[str]
+    code: CodeType,
+    mangled: re.Pattern[str] | None,
+    words: frozenset[str],
 ) -> CodeType:
     """Name comprehensions, which `transform` makes generators, as a hub does, and undo name
     mangling, which it does not have, of names that are not among the ``words`` of the source."""

@@ -112,7 +112,11 @@ class HashTable:
         self._put(key, self._added if key_hash is None else key_hash & 0xFFFF_FFFF)
         self._added += 1
 
-    def _put(self, key: Any, hash_: int) -> None:
+    def _put(
+        self,
+        key: Any,
+        hash_: int,
+    ) -> None:
         slots = self.slots
         size = len(slots)
         # Open addressing: from the slot of the hash on, the first that is not taken.
@@ -189,7 +193,11 @@ class TableIterator:
 
     __slots__ = ("_function", "_next", "_table")
 
-    def __init__(self, table: HashTable, function: Callable[[Any], Any] | None = None) -> None:
+    def __init__(
+        self,
+        table: HashTable,
+        function: Callable[[Any], Any] | None = None,
+    ) -> None:
         self._table = table
         self._function = function
         self._next = 0
@@ -213,14 +221,22 @@ class _Slotted:
     __slots__ = ()
     _table: HashTable
 
-    def __new__(cls, *args: Any, **kwargs: Any) -> Any:
+    def __new__(
+        cls,
+        *args: Any,
+        **kwargs: Any,
+    ) -> Any:
         # Not in `__init__`, which a program's subclass need not call.
         result: Any = super().__new__(cls)
         result._table = HashTable()
         return result
 
     @classmethod
-    def sized(cls, size: int, values: Iterable[Any]) -> Self:
+    def sized(
+        cls,
+        size: int,
+        values: Iterable[Any],
+    ) -> Self:
         """With an initial number of slots."""
         result: Any = cls()
         result._table = HashTable(size)
@@ -240,7 +256,11 @@ class HubDict(_Slotted, dict[Any, Any]):
 
     __slots__ = ("_table",)
 
-    def __init__(self, *args: Any, **kwargs: Any) -> None:
+    def __init__(
+        self,
+        *args: Any,
+        **kwargs: Any,
+    ) -> None:
         self.update(*args, **kwargs)
 
     @classmethod
@@ -253,7 +273,12 @@ class HubDict(_Slotted, dict[Any, Any]):
         result._table._hashes = [0] * len(values)
         return result
 
-    def __setitem__(self, key: Any, value: Any, /) -> None:
+    def __setitem__(
+        self,
+        key: Any,
+        value: Any,
+        /,
+    ) -> None:
         if key not in self:
             self._table.add(key)
         super().__setitem__(key, value)
@@ -284,11 +309,21 @@ class HubDict(_Slotted, dict[Any, Any]):
         return result
 
     @classmethod
-    def fromkeys(cls, keys: Iterable[Any], value: Any = None, /) -> HubDict:
+    def fromkeys(
+        cls,
+        keys: Iterable[Any],
+        value: Any = None,
+        /,
+    ) -> HubDict:
         size = len(keys) if isinstance(keys, Sized) else 0
         return HubDict.sized(size, ((key, value) for key in keys))
 
-    def pop(self, key: Any, default: Any = _MISSING, /) -> Any:
+    def pop(
+        self,
+        key: Any,
+        default: Any = _MISSING,
+        /,
+    ) -> Any:
         if key not in self:
             return super().pop(key) if default is _MISSING else default
         self._table.remove(key)
@@ -300,12 +335,22 @@ class HubDict(_Slotted, dict[Any, Any]):
         key = self._table.drop_first()
         return key, super().pop(key)
 
-    def setdefault(self, key: Any, default: Any = None, /) -> Any:
+    def setdefault(
+        self,
+        key: Any,
+        default: Any = None,
+        /,
+    ) -> Any:
         if key not in self:
             self[key] = default
         return self[key]
 
-    def update(self, other: Any = (), /, **named: Any) -> None:
+    def update(
+        self,
+        other: Any = (),
+        /,
+        **named: Any,
+    ) -> None:
         # Only a dict itself is one to a hub; what a subclass iterates over it takes for pairs.
         pairs = other.items() if type(other) is HubDict else other
         for entry in itertools.chain(pairs, named.items()):
@@ -320,7 +365,11 @@ class DictView:
 
     __slots__ = ("kind", "owner")
 
-    def __init__(self, owner: HubDict, kind: str) -> None:
+    def __init__(
+        self,
+        owner: HubDict,
+        kind: str,
+    ) -> None:
         self.owner = owner
         self.kind = kind
 

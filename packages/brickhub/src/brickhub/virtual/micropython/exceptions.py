@@ -135,7 +135,11 @@ class HubOSError(OSError):
 HubOSError.__name__ = HubOSError.__qualname__ = "OSError"
 
 
-def _types(operator: str, left: str, right: str) -> str:
+def _types(
+    operator: str,
+    left: str,
+    right: str,
+) -> str:
     """Refusal of two operands; a truth value refuses as the number that it is, but not on the right
     of a comparison."""
     left = "int" if left == "bool" else left
@@ -561,7 +565,9 @@ def local_values(frame: FrameType) -> list[Any]:
 
 
 def _call_message(
-    message: str, namespaces: Sequence[Mapping[str, object]], error: BaseException
+    message: str,
+    namespaces: Sequence[Mapping[str, object]],
+    error: BaseException,
 ) -> str:
     """Message for a call with wrong arguments, which differs between program and firmware
     functions."""
@@ -576,7 +582,12 @@ def _call_message(
     if multiple is not None:
         return f"function got multiple values for argument '{multiple[1]}'"
     if function is not None:
-        return _own_call_message(message, problem, function, traces)
+        return _own_call_message(
+            message,
+            problem,
+            function,
+            traces,
+        )
 
     given = re.match(r"takes (\d+) positional .* but (\d+) w", problem)
     if name.endswith("<lambda>") and given is not None:
@@ -592,7 +603,9 @@ def _call_message(
 
 
 def _function_of_program(
-    name: str, namespaces: Sequence[Mapping[str, object]], traces: Sequence[TracebackType]
+    name: str,
+    namespaces: Sequence[Mapping[str, object]],
+    traces: Sequence[TracebackType],
 ) -> FunctionType | None:
     """The program's function that CPython's message names, or ``None``."""
     for names in namespaces:
@@ -611,7 +624,10 @@ def _function_of_program(
 
 
 def _own_call_message(
-    message: str, problem: str, function: FunctionType, traces: Sequence[TracebackType]
+    message: str,
+    problem: str,
+    function: FunctionType,
+    traces: Sequence[TracebackType],
 ) -> str:
     """Message for a call of a function of the program."""
     keyword = re.fullmatch(r"got an unexpected keyword argument '(.*)'", problem)
@@ -649,7 +665,11 @@ def _own_call_message(
     return f"{function.__name__}() takes {required} positional arguments but {count} were given"
 
 
-def _language_call_message(name: str, problem: str, frame: FrameType) -> str | None:
+def _language_call_message(
+    name: str,
+    problem: str,
+    frame: FrameType,
+) -> str | None:
     """Message for a wrong number of arguments of a builtin or of a module of the language, which
     are not named."""
     # Whatever the program can call: its variables, the builtins, what is in its modules.

@@ -132,7 +132,12 @@ def float_text(x: float) -> str:
     return text if any(mark in text for mark in ".en") else text + ".0"
 
 
-def format_float(x: float, code: str, precision: int | None, sign: str = "") -> str:
+def format_float(
+    x: float,
+    code: str,
+    precision: int | None,
+    sign: str = "",
+) -> str:
     """``x`` formatted by ``%e``, ``%f`` or ``%g``.
 
     Args:
@@ -151,7 +156,12 @@ def format_float(x: float, code: str, precision: int | None, sign: str = "") -> 
     return sign + (text.upper() if code.isupper() else text)
 
 
-def _unsigned(x: float, kind: str, precision: int | None, width: int) -> str:
+def _unsigned(
+    x: float,
+    kind: str,
+    precision: int | None,
+    width: int,
+) -> str:
     """A positive number formatted by ``%e``, ``%f`` or ``%g`` (``kind``), in a buffer of ``width``
     characters."""
     exponent = _exponent(x)
@@ -203,7 +213,16 @@ def _unsigned(x: float, kind: str, precision: int | None, width: int) -> str:
         if is_exact:
             break
     zeros += max_digits - digits
-    return _written(mantissa, kind, digits, point, lead, zeros, exponent, max_exponent)
+    return _written(
+        mantissa,
+        kind,
+        digits,
+        point,
+        lead,
+        zeros,
+        exponent,
+        max_exponent,
+    )
 
 
 def _written(
@@ -275,7 +294,12 @@ def _exponent(x: float) -> int:
     return exponent
 
 
-def _search(x: float, kind: str, digits: int, shift: int) -> tuple[int, bool]:
+def _search(
+    x: float,
+    kind: str,
+    digits: int,
+    shift: int,
+) -> tuple[int, bool]:
     """The mantissa that reads back as ``x`` or nearest to it, with the decimal exponent ``-shift``,
     and whether it does."""
 

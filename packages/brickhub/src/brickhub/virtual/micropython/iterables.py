@@ -81,7 +81,11 @@ class _Ending(threading.local):
 _ending = _Ending()
 
 
-def close(owner: Any, *args: Any, **kwargs: Any) -> Any:
+def close(
+    owner: Any,
+    *args: Any,
+    **kwargs: Any,
+) -> Any:
     """``owner.close(...)``."""
     _ending.calls += 1
     try:
@@ -90,7 +94,11 @@ def close(owner: Any, *args: Any, **kwargs: Any) -> Any:
         _ending.calls -= 1
 
 
-def _throw(generator: Any, *args: Any, **kwargs: Any) -> Any:
+def _throw(
+    generator: Any,
+    *args: Any,
+    **kwargs: Any,
+) -> Any:
     """``generator.throw(...)``; a generator that has ended remains so."""
     # CPython would raise what is thrown.
     if isinstance(generator, GeneratorType) and generator.gi_frame is None:
@@ -124,7 +132,11 @@ ITERABLE_CONVERSIONS: dict[Any, Callable[..., Any]] = {
 """Calls of classes with one argument."""
 
 
-def sort(owner: Any, *args: Any, **kwargs: Any) -> Any:
+def sort(
+    owner: Any,
+    *args: Any,
+    **kwargs: Any,
+) -> Any:
     """``owner.sort(...)``."""
     if not isinstance(owner, list) or type(owner).sort is not list.sort:
         return owner.sort(*args, **kwargs)
@@ -133,7 +145,12 @@ def sort(owner: Any, *args: Any, **kwargs: Any) -> Any:
     return _sort(owner, **kwargs)
 
 
-def sorted_list(values: Iterable[Any], /, *args: Any, **kwargs: Any) -> list[Any]:
+def sorted_list(
+    values: Iterable[Any],
+    /,
+    *args: Any,
+    **kwargs: Any,
+) -> list[Any]:
     """``sorted(...)``."""
     if args:
         raise TypeError("must use keyword argument for key function")
@@ -143,7 +160,10 @@ def sorted_list(values: Iterable[Any], /, *args: Any, **kwargs: Any) -> list[Any
 
 
 def _sort(
-    items: list[Any], *, key: Callable[[Any], Any] | None = None, reverse: Any = False
+    items: list[Any],
+    *,
+    key: Callable[[Any], Any] | None = None,
+    reverse: Any = False,
 ) -> None:
     kinds = set(map(type, items))
     # Equal elements are the same in every respect, so any way of sorting gives the same list.
@@ -152,7 +172,13 @@ def _sort(
         return
     if key is None:
         key = _itself
-    _quicksort(items, 0, len(items) - 1, key, not reverse)
+    _quicksort(
+        items,
+        0,
+        len(items) - 1,
+        key,
+        not reverse,
+    )
 
 
 def _itself(value: Any) -> Any:
@@ -171,7 +197,11 @@ def _is_less(a: Any, b: Any) -> Any:
 
 
 def _quicksort(
-    items: list[Any], first: int, last: int, key: Callable[[Any], Any], is_less: bool
+    items: list[Any],
+    first: int,
+    last: int,
+    key: Callable[[Any], Any],
+    is_less: bool,
 ) -> None:
     """Sort ``items[first:last + 1]`` so that ``<`` gives ``is_less``; keys are computed for each
     comparison."""
@@ -196,5 +226,11 @@ def _quicksort(
             _quicksort(items, first, high, key, is_less)
             first = low + 1
         else:
-            _quicksort(items, low + 1, last, key, is_less)
+            _quicksort(
+                items,
+                low + 1,
+                last,
+                key,
+                is_less,
+            )
             last = high

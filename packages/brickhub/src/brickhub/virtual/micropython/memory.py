@@ -51,7 +51,11 @@ def items_of(values: Iterable[Any], *, item_bytes: int = _REFERENCE_BYTES) -> li
     return items
 
 
-def extend(items: list[Any], values: Iterable[Any], item_bytes: int = _REFERENCE_BYTES) -> None:
+def extend(
+    items: list[Any],
+    values: Iterable[Any],
+    item_bytes: int = _REFERENCE_BYTES,
+) -> None:
     """Append an iterable's items one by one. Raises MemoryError if there are more than fit on any
     hub."""
     # One more than fits, so that a list that is too long shows, and an endless iterable ends.

@@ -178,7 +178,12 @@ def random_module(clock_us: int) -> ModuleType:
             return 0
         return small(source.next() & (_MASK >> (32 - k)))
 
-    def randrange(start: int, stop: int | None = None, step: int = 1, /) -> int:
+    def randrange(
+        start: int,
+        stop: int | None = None,
+        step: int = 1,
+        /,
+    ) -> int:
         expect_int(start, step, 0 if stop is None else stop)
         low, high = (0, start) if stop is None else (start, stop)
         count = 0
@@ -302,7 +307,13 @@ def struct_module() -> ModuleType:
             values = (values + (0,) * len(layout.codes))[: len(layout.codes)]
         return layout.pack(values)
 
-    def pack_into(fmt: str, buffer: bytearray, offset: int, /, *values: Any) -> None:
+    def pack_into(
+        fmt: str,
+        buffer: bytearray,
+        offset: int,
+        /,
+        *values: Any,
+    ) -> None:
         if not isinstance(buffer, bytearray | memoryview):
             raise TypeError("object with buffer protocol required")
         data = pack(fmt, *values)
@@ -311,7 +322,12 @@ def struct_module() -> ModuleType:
             raise ValueError("buffer too small")
         buffer[start : start + len(data)] = data
 
-    def unpack_from(fmt: str, data: bytes, offset: int = 0, /) -> tuple[Any, ...]:
+    def unpack_from(
+        fmt: str,
+        data: bytes,
+        offset: int = 0,
+        /,
+    ) -> tuple[Any, ...]:
         layout = cached_layout(fmt)
         try:
             return layout.checked(layout.struct.unpack_from(data, offset))
@@ -323,4 +339,11 @@ def struct_module() -> ModuleType:
     def calcsize(fmt: str, /) -> int:
         return cached_layout(fmt).struct.size
 
-    return module("struct", {"unpack": unpack_from}, pack, pack_into, unpack_from, calcsize)
+    return module(
+        "struct",
+        {"unpack": unpack_from},
+        pack,
+        pack_into,
+        unpack_from,
+        calcsize,
+    )

@@ -185,7 +185,11 @@ def _refuse_keywords(kwargs: Mapping[str, object]) -> None:
         raise TypeError("function doesn't take keyword arguments")
 
 
-def _to_bytes(value: Any, *args: Any, **kwargs: Any) -> Any:
+def _to_bytes(
+    value: Any,
+    *args: Any,
+    **kwargs: Any,
+) -> Any:
     """``value.to_bytes(...)``; negative integers as two's complement."""
     if not isinstance(value, int):
         return value.to_bytes(*args, **kwargs)
@@ -196,7 +200,11 @@ def _to_bytes(value: Any, *args: Any, **kwargs: Any) -> Any:
         raise OverflowError("buffer too small") from None
 
 
-def _from_bytes(kind: Any, *args: Any, **kwargs: Any) -> Any:
+def _from_bytes(
+    kind: Any,
+    *args: Any,
+    **kwargs: Any,
+) -> Any:
     """``kind.from_bytes(...)``: unsigned, only the lowest four bytes."""
     if kind is not int:
         return kind.from_bytes(*args, **kwargs)
@@ -210,7 +218,11 @@ def _ascii_method(name: str) -> Callable[..., Any]:
     """A method of text that knows only the letters, digits and spaces of ASCII."""
     method = getattr(bytes, name)
 
-    def call(value: Any, *args: Any, **kwargs: Any) -> Any:
+    def call(
+        value: Any,
+        *args: Any,
+        **kwargs: Any,
+    ) -> Any:
         if isinstance(value, str | bytes):
             _refuse_keywords(kwargs)
             _check_text_arguments(name, value, args)
@@ -229,7 +241,11 @@ def _ascii_method(name: str) -> Callable[..., Any]:
     return call
 
 
-def _check_text_arguments(name: str, value: str | bytes, args: tuple[Any, ...]) -> None:
+def _check_text_arguments(
+    name: str,
+    value: str | bytes,
+    args: tuple[Any, ...],
+) -> None:
     """Raise what a hub raises for arguments of a method of text that CPython takes, or refuses in
     other words."""
     if not args:
@@ -286,7 +302,12 @@ def _to_slice(*args: Any) -> Any:
     raise TypeError("can't create 'slice' instances")
 
 
-def _stepped(container: Any, start: Any, stop: Any, step: Any) -> Any:
+def _stepped(
+    container: Any,
+    start: Any,
+    stop: Any,
+    step: Any,
+) -> Any:
     """``container[start:stop:step]``; only lists support a step."""
     has_step = step is not None and step != 1
     if has_step and isinstance(container, str | bytes | bytearray | memoryview | tuple):
@@ -310,7 +331,13 @@ def _sliced(container: Any, step: Any) -> Any:
     return container
 
 
-def _set_slice(value: Any, container: Any, start: Any, stop: Any, step: Any) -> None:
+def _set_slice(
+    value: Any,
+    container: Any,
+    start: Any,
+    stop: Any,
+    step: Any,
+) -> None:
     """``container[start:stop:step] = value``."""
     container = _sliced(container, step)
     # CPython takes any iterable.
@@ -376,7 +403,11 @@ def _list_comprehension(elements: Iterator[Any]) -> list[Any]:
     return items
 
 
-def _format(obj: Any, *args: Any, **kwargs: Any) -> Any:
+def _format(
+    obj: Any,
+    *args: Any,
+    **kwargs: Any,
+) -> Any:
     """``obj.format(...)``, which bytes have too."""
     if isinstance(obj, bytes):
         return format_text(obj.decode("latin-1"), args, kwargs).encode("latin-1")
@@ -385,7 +416,11 @@ def _format(obj: Any, *args: Any, **kwargs: Any) -> Any:
     return obj.format(*args, **kwargs)
 
 
-def _f_string(value: Any, conversion: int, spec: str) -> str:
+def _f_string(
+    value: Any,
+    conversion: int,
+    spec: str,
+) -> str:
     """``{value!conversion:spec}`` in an f-string. ``conversion``: character, or -1 for none."""
     if conversion == ord("r"):
         value = representation(value)
@@ -411,7 +446,11 @@ CONVERSIONS: dict[Any, Callable[..., Any]] = {
 """Calls of builtin classes as on a hub."""
 
 
-def _convert(kind: Any, *args: Any, **kwargs: Any) -> Any:
+def _convert(
+    kind: Any,
+    *args: Any,
+    **kwargs: Any,
+) -> Any:
     """``kind(...)`` of what has the name of a builtin class in the program."""
     convert = CONVERSIONS.get(kind) if isinstance(kind, type) else None
     if convert is None:

@@ -30,7 +30,11 @@ class HubBytearray(bytearray):
 
     __slots__ = ()
 
-    def __init__(self, source: Any = b"", *encoding: Any) -> None:
+    def __init__(
+        self,
+        source: Any = b"",
+        *encoding: Any,
+    ) -> None:
         if isinstance(source, bool):
             raise TypeError("'bool' object isn't iterable")
         if isinstance(source, int):
@@ -38,7 +42,11 @@ class HubBytearray(bytearray):
             check_allocation(source & 0xFFFFFFFF)
         super().__init__(_low_bytes(source), *encoding)
 
-    def __setitem__(self, index: Any, value: Any) -> None:
+    def __setitem__(
+        self,
+        index: Any,
+        value: Any,
+    ) -> None:
         if not isinstance(index, slice):
             value = operator.index(value) & 0xFF
         super().__setitem__(index, value)
@@ -149,15 +157,30 @@ class BytesIO(Stream, io.BytesIO):
     def __repr__(self) -> str:
         return f"<io.{type(self).__name__} 0x{id(self) & 0xFFFFFFFF:x}>"
 
-    def write(self, data: Any, /, *part: int) -> int:
+    def write(
+        self,
+        data: Any,
+        /,
+        *part: int,
+    ) -> int:
         return super().write(part_of(data, *part))
 
-    def readinto(self, buffer: Any, /, size: int = -1) -> int:
+    def readinto(
+        self,
+        buffer: Any,
+        /,
+        size: int = -1,
+    ) -> int:
         if size >= 0:
             buffer = memoryview(buffer)[:size]
         return super().readinto(buffer)
 
-    def seek(self, offset: int, whence: int = 0, /) -> int:
+    def seek(
+        self,
+        offset: int,
+        whence: int = 0,
+        /,
+    ) -> int:
         try:
             return super().seek(offset, whence)
         except ValueError:

@@ -99,7 +99,12 @@ def _value(token: re.Match[str]) -> Any:
         return _WORDS[token["word"]]
     number = token["number"]
     if number is None:
-        return re.sub(r"\\(u.{4}|.)", _unescaped, token["text"], flags=re.DOTALL)
+        return re.sub(
+            r"\\(u.{4}|.)",
+            _unescaped,
+            token["text"],
+            flags=re.DOTALL,
+        )
     is_float = re.search("[.eE]", number)
     return to_float(number) if is_float else to_int(number, 10)
 
@@ -121,7 +126,11 @@ class Terminal:
     ``kbd_intr(-1)`` lets no byte interrupt.
     """
 
-    def __init__(self, console: Console, tick: Callable[[], None]) -> None:
+    def __init__(
+        self,
+        console: Console,
+        tick: Callable[[], None],
+    ) -> None:
         self.console = console
         self.tick = tick
         self.interrupt = _CTRL_C
@@ -137,7 +146,11 @@ class Terminal:
 class FileIO(Stream):
     """Standard input and output as bytes."""
 
-    def __init__(self, number: int, terminal: Terminal) -> None:
+    def __init__(
+        self,
+        number: int,
+        terminal: Terminal,
+    ) -> None:
         self._number = number
         self._terminal = terminal
 
@@ -165,7 +178,11 @@ class FileIO(Stream):
         # To the end, which a console has not: it waits until it is interrupted.
         return self._take(_ENDLESS_BYTES if size < 0 else size)
 
-    def readinto(self, buffer: bytearray, size: int = -1) -> int:
+    def readinto(
+        self,
+        buffer: bytearray,
+        size: int = -1,
+    ) -> int:
         if not isinstance(buffer, bytearray | memoryview):
             raise TypeError("object with buffer protocol required")
         data = self._take(len(buffer) if size < 0 else min(size, len(buffer)))
@@ -184,7 +201,11 @@ class FileIO(Stream):
     def _take(self, count: int) -> bytes:
         return self._terminal.read(count)
 
-    def write(self, data: Any, *part: int) -> int:
+    def write(
+        self,
+        data: Any,
+        *part: int,
+    ) -> int:
         """Write :func:`part_of` a buffer; returns the number of bytes."""
         content = part_of(data, *part)
         self._terminal.console.write(self._cooked(content))
@@ -199,7 +220,11 @@ class TextIOWrapper(FileIO):
     """Standard input or output as text; ``buffer`` is the byte stream. The Enter key, CR, is read
     as LF."""
 
-    def __init__(self, number: int, terminal: Terminal) -> None:
+    def __init__(
+        self,
+        number: int,
+        terminal: Terminal,
+    ) -> None:
         super().__init__(number, terminal)
         self.buffer = FileIO(0, terminal)
 
@@ -235,23 +260,39 @@ class Poll:
     """``select.poll()``; ``advance`` lets simulated time pass until possible input, and returns the
     ms that passed."""
 
-    def __init__(self, advance: Callable[[int], int], tick: Callable[[], None]) -> None:
+    def __init__(
+        self,
+        advance: Callable[[int], int],
+        tick: Callable[[], None],
+    ) -> None:
         self._advance = advance
         self._tick = tick
         self._streams: dict[int, tuple[FileIO, int]] = {}
 
-    def register(self, stream: Any, eventmask: int = _POLLIN | _POLLOUT) -> None:
+    def register(
+        self,
+        stream: Any,
+        eventmask: int = _POLLIN | _POLLOUT,
+    ) -> None:
         self._streams[id(stream)] = (_pollable(stream), eventmask)
 
     def unregister(self, stream: Any) -> None:
         self._streams.pop(id(stream), None)
 
-    def modify(self, stream: Any, eventmask: int) -> None:
+    def modify(
+        self,
+        stream: Any,
+        eventmask: int,
+    ) -> None:
         if id(stream) not in self._streams:
             raise HubOSError(errno.ENOENT)
         self._streams[id(stream)] = (stream, eventmask)
 
-    def poll(self, timeout: int = -1, flags: int = 0) -> list[tuple[FileIO, int]]:
+    def poll(
+        self,
+        timeout: int = -1,
+        flags: int = 0,
+    ) -> list[tuple[FileIO, int]]:
         self._tick()
         # Looked at once at least, also without a timeout.
         ready = self._ready()
@@ -276,7 +317,11 @@ class Poll:
                 ready.append((stream, events))
         return ready
 
-    def ipoll(self, timeout: int = -1, flags: int = 0) -> Iterator[tuple[FileIO, int]]:
+    def ipoll(
+        self,
+        timeout: int = -1,
+        flags: int = 0,
+    ) -> Iterator[tuple[FileIO, int]]:
         return iter(self.poll(timeout, flags))
 
 
@@ -289,7 +334,11 @@ def _pollable(stream: Any) -> FileIO:
     return stream
 
 
-def sys_module(terminal: Terminal, build: str, machine: str) -> ModuleType:
+def sys_module(
+    terminal: Terminal,
+    build: str,
+    machine: str,
+) -> ModuleType:
     stdout = TextIOWrapper(1, terminal)
 
     def print_exception(error: object, file: Any = stdout) -> None:
@@ -315,7 +364,11 @@ def sys_module(terminal: Terminal, build: str, machine: str) -> ModuleType:
 
 def select_module(advance: Callable[[int], int], tick: Callable[[], None]) -> ModuleType:
     def select(
-        readers: Any, writers: Any, others: Any, timeout: float | None = None, /
+        readers: Any,
+        writers: Any,
+        others: Any,
+        timeout: float | None = None,
+        /,
     ) -> tuple[list[FileIO], ...]:
         """Streams that can be read, be written, or failed; ``timeout`` in seconds."""
         poll = Poll(advance, tick)
@@ -387,7 +440,14 @@ def micropython_module(terminal: Terminal, memory: Callable[[], tuple[int, int]]
 
     names = {"const": lambda value: value, "stack_use": lambda: 0}
     return module(
-        "micropython", names, mem_info, qstr_info, kbd_intr, opt_level, heap_lock, heap_unlock
+        "micropython",
+        names,
+        mem_info,
+        qstr_info,
+        kbd_intr,
+        opt_level,
+        heap_lock,
+        heap_unlock,
     )
 
 
@@ -448,7 +508,13 @@ def json_module() -> ModuleType:
     def loads(source: str | bytes, /) -> Any:
         return read_json(source if isinstance(source, str) else as_bytes(source).decode())
 
-    def dump(value: Any, stream: Any, /, *, separators: tuple[str, str] | None = None) -> None:
+    def dump(
+        value: Any,
+        stream: Any,
+        /,
+        *,
+        separators: tuple[str, str] | None = None,
+    ) -> None:
         write_text(stream, dumps(value, separators=separators))
 
     def load(stream: Any, /) -> Any:

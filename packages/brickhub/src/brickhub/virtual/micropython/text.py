@@ -364,9 +364,22 @@ def format_value(value: object, spec: str) -> str:
     if isinstance(value, int) and code in _INTEGER_CODES:
         flags = sign + match["prefix"]
         separator = match["separator"] or ""
-        return _format_integer(int(value), code, flags, separator, fill, align, width)
+        return _format_integer(
+            int(value),
+            code,
+            flags,
+            separator,
+            fill,
+            align,
+            width,
+        )
     if isinstance(value, int | float) and code in _FLOAT_CODES:
-        formatted = _format_float(value, code or "g", sign, precision)
+        formatted = _format_float(
+            value,
+            code or "g",
+            sign,
+            precision,
+        )
         return _padded(formatted, fill, align, width)
     # Text, or a number with a code that is not for it.
     if not is_number and align == "=":
@@ -385,10 +398,21 @@ def format_value(value: object, spec: str) -> str:
 
 
 def _format_integer(
-    value: int, code: str, flags: str, separator: str, fill: str, align: str, width: int
+    value: int,
+    code: str,
+    flags: str,
+    separator: str,
+    fill: str,
+    align: str,
+    width: int,
 ) -> str:
     if code == "c":
-        return _padded(chr(value & 0xFF), fill, align, width)
+        return _padded(
+            chr(value & 0xFF),
+            fill,
+            align,
+            width,
+        )
     if code in ("b", "o", "x", "X"):
         # A hub groups four digits whatever separates them. CPython takes no comma here.
         underscore = "_" if separator else ""
@@ -399,7 +423,12 @@ def _format_integer(
     return _padded(digits, fill, align, width)
 
 
-def _format_float(value: float, code: str, sign: str, precision: str | None) -> str:
+def _format_float(
+    value: float,
+    code: str,
+    sign: str,
+    precision: str | None,
+) -> str:
     digits = _DEFAULT_PRECISION if precision is None else int(precision)
     value = to_single(value)
     if code == "%":
@@ -411,7 +440,12 @@ def _format_float(value: float, code: str, sign: str, precision: str | None) -> 
     return format_float(value, code, digits, sign)
 
 
-def _padded(formatted: str, fill: str, align: str, width: int) -> str:
+def _padded(
+    formatted: str,
+    fill: str,
+    align: str,
+    width: int,
+) -> str:
     if align == "=":
         sign = re.match("[-+ ]?(?:0[xXob])?", formatted)[0]  # type: ignore[index]
         digits = formatted.removeprefix(sign)
@@ -445,7 +479,12 @@ class _Formatter(string.Formatter):
                 self._numbering = numbering
             yield part
 
-    def get_field(self, field_name: str, args: Any, kwargs: Any) -> Any:
+    def get_field(
+        self,
+        field_name: str,
+        args: Any,
+        kwargs: Any,
+    ) -> Any:
         if "." in field_name or "[" in field_name:
             name = re.split(r"[.\[]", field_name)[0]
             # A missing argument is found before the attribute is refused.
@@ -453,23 +492,40 @@ class _Formatter(string.Formatter):
             raise NotImplementedError("attributes not supported")
         return super().get_field(field_name, args, kwargs)
 
-    def format_field(self, value: Any, format_spec: str) -> str:
+    def format_field(
+        self,
+        value: Any,
+        format_spec: str,
+    ) -> str:
         return format_value(value, format_spec)
 
-    def convert_field(self, value: Any, conversion: str | None) -> Any:
+    def convert_field(
+        self,
+        value: Any,
+        conversion: str | None,
+    ) -> Any:
         if conversion is None:
             return value
         if conversion not in "rs":
             raise ValueError(f"unknown conversion specifier {conversion}")
         return representation(value) if conversion == "r" else text(value)
 
-    def get_value(self, key: int | str, args: Any, kwargs: Any) -> Any:
+    def get_value(
+        self,
+        key: int | str,
+        args: Any,
+        kwargs: Any,
+    ) -> Any:
         if isinstance(key, int) and key >= len(args):
             raise IndexError("tuple index out of range")
         return args[key] if isinstance(key, int) else kwargs[key]
 
 
-def format_text(template: str, args: tuple[object, ...], kwargs: Mapping[str, object]) -> str:
+def format_text(
+    template: str,
+    args: tuple[object, ...],
+    kwargs: Mapping[str, object],
+) -> str:
     """``template.format(*args, **kwargs)``."""
     return _Formatter().vformat(template, args, kwargs)
 
@@ -508,7 +564,13 @@ def percent(template: Any, values: object) -> Any:
         width = star_or_digits(match["width"])
         precision = star_or_digits(match["precision"])
         value = next_value() if key is None else values[key]  # type: ignore[index]
-        return _format_argument(value, match, width or "", precision, is_bytes)
+        return _format_argument(
+            value,
+            match,
+            width or "",
+            precision,
+            is_bytes,
+        )
 
     result = _PERCENT.sub(replace, template)
     if queue and not isinstance(values, dict):
@@ -525,7 +587,11 @@ def _width_argument(next_value: Callable[[], Any]) -> str:
 
 
 def _format_argument(
-    value: Any, match: re.Match[str], width: str, precision: str | None, is_bytes: bool
+    value: Any,
+    match: re.Match[str],
+    width: str,
+    precision: str | None,
+    is_bytes: bool,
 ) -> str:
     check_allocation(int(width or 0))
     code = match["code"]
@@ -546,7 +612,13 @@ def _format_argument(
         check_allocation(int(precision or 0))
         return _format_int(value, code, spec, flags)
     if code in "eEfFgG":
-        return _format_float_argument(value, code, flags, width, precision)
+        return _format_float_argument(
+            value,
+            code,
+            flags,
+            width,
+            precision,
+        )
     index = match.end() - 1
     raise ValueError(f"unsupported format character '{code}' (0x{ord(code):x}) at index {index}")
 
@@ -561,7 +633,11 @@ def _character(value: Any) -> Any:
 
 
 def _format_float_argument(
-    value: Any, code: str, flags: str, width: str, precision: str | None
+    value: Any,
+    code: str,
+    flags: str,
+    width: str,
+    precision: str | None,
 ) -> str:
     sign = ""
     if "+" in flags:
@@ -578,10 +654,20 @@ def _format_float_argument(
         align = "<"
     elif "0" in flags:
         align = "="
-    return _padded(formatted, fill, align, int(width or 0))
+    return _padded(
+        formatted,
+        fill,
+        align,
+        int(width or 0),
+    )
 
 
-def _format_int(value: Any, code: str, spec: str, flags: str) -> str:
+def _format_int(
+    value: Any,
+    code: str,
+    spec: str,
+    flags: str,
+) -> str:
     number = to_number(value, "int")
     if isinstance(number, float):
         if code not in "diu":

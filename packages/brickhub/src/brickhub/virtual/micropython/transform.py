@@ -133,7 +133,11 @@ def called_name(node: ast.Call) -> str:
     return ""
 
 
-def call(name: str, *args: ast.expr, at: ast.AST) -> ast.Call:
+def call(
+    name: str,
+    *args: ast.expr,
+    at: ast.AST,
+) -> ast.Call:
     """A call of a helper, whose name programs cannot write, at the place of another node."""
     helper = ast.Name(name, ast.Load())
     return ast.copy_location(ast.Call(helper, list(args), []), at)
@@ -152,7 +156,11 @@ def _statement(value: ast.expr, at: ast.AST) -> ast.stmt:
     return ast.copy_location(ast.Expr(value), at)
 
 
-def _assignment(target: ast.expr, value: ast.expr, at: ast.AST) -> ast.Assign:
+def _assignment(
+    target: ast.expr,
+    value: ast.expr,
+    at: ast.AST,
+) -> ast.Assign:
     return ast.copy_location(ast.Assign([target], value), at)
 
 
@@ -195,7 +203,9 @@ def fold(node: ast.expr) -> int | None:
 
 
 def transform(
-    tree: ast.Module | ast.Expression, recursive: Collection[str] = (), floats: Collection[str] = ()
+    tree: ast.Module | ast.Expression,
+    recursive: Collection[str] = (),
+    floats: Collection[str] = (),
 ) -> ast.Module | ast.Expression:
     """The transformed program. ``recursive``: `called_name` of functions that may call themselves.
     ``floats``: text of the compiled program's floats. Raises OverflowError if a constant needs more
@@ -210,7 +220,11 @@ def _bounds(part: ast.Slice) -> list[ast.expr]:
 
 
 class _Transformer(ast.NodeTransformer):
-    def __init__(self, recursive: Collection[str], floats: Collection[str]) -> None:
+    def __init__(
+        self,
+        recursive: Collection[str],
+        floats: Collection[str],
+    ) -> None:
         self._recursive = recursive
         self._floats = floats
         self._private: dict[str, ast.expr] = {}
@@ -250,7 +264,12 @@ class _Transformer(ast.NodeTransformer):
         if kind in _WRAPPED:
             return call("@n", node, at=node)
         if isinstance(node, ast.BinOp) and kind in _CALLED:
-            return call(_CALLED[kind], node.left, node.right, at=node)
+            return call(
+                _CALLED[kind],
+                node.left,
+                node.right,
+                at=node,
+            )
         return node
 
     visit_UnaryOp = visit_BinOp
@@ -284,7 +303,11 @@ class _Transformer(ast.NodeTransformer):
         statements.append(self._store_statement(assign))
         return statements
 
-    def _augment_name(self, target: ast.Name, node: ast.AugAssign) -> ast.AST | list[ast.stmt]:
+    def _augment_name(
+        self,
+        target: ast.Name,
+        node: ast.AugAssign,
+    ) -> ast.AST | list[ast.stmt]:
         kind = type(node.op)
         read = _load(target.id)
         # `a += 1` stays, with its result checked in a second statement: the fastest form for what
@@ -313,11 +336,21 @@ class _Transformer(ast.NodeTransformer):
             return node
         target = node.targets[0]
         name = ast.Constant(target.attr)
-        store = call("@store", node.value, target.value, name, at=node)
+        store = call(
+            "@store",
+            node.value,
+            target.value,
+            name,
+            at=node,
+        )
         return _statement(store, node)
 
     @staticmethod
-    def _assign(name: str, value: ast.expr, at: ast.AST) -> ast.stmt:
+    def _assign(
+        name: str,
+        value: ast.expr,
+        at: ast.AST,
+    ) -> ast.stmt:
         # A slice can stand in brackets only.
         if isinstance(value, ast.Slice):
             value = call("slice", *_bounds(value), at=at)
@@ -345,7 +378,11 @@ class _Transformer(ast.NodeTransformer):
         return node
 
     @staticmethod
-    def _call_helper(node: ast.Call, name: str, subject: ast.expr) -> ast.Call:
+    def _call_helper(
+        node: ast.Call,
+        name: str,
+        subject: ast.expr,
+    ) -> ast.Call:
         node.args.insert(0, subject)
         node.func = ast.copy_location(_load("@" + name), node.func)
         return node
@@ -358,7 +395,12 @@ class _Transformer(ast.NodeTransformer):
 
     def visit_Attribute(self, node: ast.Attribute) -> ast.expr:
         if isinstance(node.ctx, ast.Load) and may_be_hidden(node.attr):
-            return call("@attr", node.value, ast.Constant(node.attr), at=node)
+            return call(
+                "@attr",
+                node.value,
+                ast.Constant(node.attr),
+                at=node,
+            )
         return node
 
     def visit_Subscript(self, node: ast.Subscript) -> ast.expr:
@@ -372,7 +414,12 @@ class _Transformer(ast.NodeTransformer):
             node.value = call("@sub", node.value, at=node.value)
         is_read = isinstance(node.ctx, ast.Load)
         if is_read and isinstance(index, ast.Slice) and index.step is not None:
-            return call("@stepped", node.value, *_bounds(index), at=node)
+            return call(
+                "@stepped",
+                node.value,
+                *_bounds(index),
+                at=node,
+            )
         return node
 
     def visit_Assign(self, node: ast.Assign) -> ast.AST:
@@ -394,7 +441,13 @@ class _Transformer(ast.NodeTransformer):
         if not isinstance(target.slice, ast.Slice):
             return node
         bounds = _bounds(target.slice)
-        store = call("@setslice", node.value, target.value, *bounds, at=node)
+        store = call(
+            "@setslice",
+            node.value,
+            target.value,
+            *bounds,
+            at=node,
+        )
         return _statement(store, node)
 
     def visit_Dict(self, node: ast.Dict) -> ast.expr:
@@ -411,14 +464,20 @@ class _Transformer(ast.NodeTransformer):
         return call("@set", *node.elts, at=node)
 
     def visit_GeneratorExp(
-        self, node: ast.GeneratorExp | ast.ListComp, branch: str = "@turn"
+        self,
+        node: ast.GeneratorExp | ast.ListComp,
+        branch: str = "@turn",
     ) -> ast.expr:
         """A loop: it branches after each element, and at each condition."""
         self.generic_visit(node)
         node.elt = call(branch, node.elt, at=node.elt)
         return node
 
-    def visit_ListComp(self, node: ast.ListComp, element: str = "@listcomp") -> ast.expr:
+    def visit_ListComp(
+        self,
+        node: ast.ListComp,
+        element: str = "@listcomp",
+    ) -> ast.expr:
         """A function of its own as on a hub, which a list comprehension of CPython is no more from
         3.12 on."""
         if any(isinstance(part, ast.Await) for part in ast.walk(node)):
@@ -444,7 +503,15 @@ class _Transformer(ast.NodeTransformer):
         # there is no place for a statement that converts the dict.
         if node.args.kwarg is not None:
             name = node.args.kwarg.arg
-            parameters = ast.arguments([], [ast.arg(name)], None, [], [], None, [])
+            parameters = ast.arguments(
+                [],
+                [ast.arg(name)],
+                None,
+                [],
+                [],
+                None,
+                [],
+            )
             inner = ast.Lambda(parameters, node.body)
             converted = call("@named", _load(name), at=node)
             node.body = ast.copy_location(ast.Call(inner, [converted], []), node)
@@ -469,7 +536,12 @@ class _Transformer(ast.NodeTransformer):
                 delete = ast.Delete([target])
             if isinstance(target, ast.Subscript) and isinstance(target.slice, ast.Slice):
                 step = target.slice.step or ast.Constant(None)
-                target.value = call("@sliced", target.value, step, at=target)
+                target.value = call(
+                    "@sliced",
+                    target.value,
+                    step,
+                    at=target,
+                )
             statements.append(ast.copy_location(delete, node))
         return statements
 
@@ -521,7 +593,13 @@ class _Transformer(ast.NodeTransformer):
 
     def visit_FormattedValue(self, node: ast.FormattedValue) -> ast.expr:
         spec = node.format_spec or ast.Constant("")
-        return call("@f", node.value, ast.Constant(node.conversion), spec, at=node)
+        return call(
+            "@f",
+            node.value,
+            ast.Constant(node.conversion),
+            spec,
+            at=node,
+        )
 
     def visit_ExceptHandler(self, node: ast.ExceptHandler) -> ast.AST:
         """A program must not catch the exceptions that stop it from outside."""
@@ -546,7 +624,12 @@ class _Transformer(ast.NodeTransformer):
     def visit_With(self, node: ast.With) -> ast.AST:
         for item in node.items:
             value = item.context_expr
-            item.context_expr = call("@with", value, _load("@reword"), at=value)
+            item.context_expr = call(
+                "@with",
+                value,
+                _load("@reword"),
+                at=value,
+            )
         return node
 
     def visit_If(self, node: ast.If | ast.IfExp) -> ast.AST:
@@ -633,13 +716,24 @@ class _Transformer(ast.NodeTransformer):
         # A `yield` makes it a generator, even one that awaits nothing.
         generates = _never(ast.Expr(ast.Yield(None)), node)
         body = [generates, *self._convert_kwargs(node), *node.body]
-        function = ast.FunctionDef(node.name, node.args, body, node.decorator_list)
+        function = ast.FunctionDef(
+            node.name,
+            node.args,
+            body,
+            node.decorator_list,
+        )
         return ast.copy_location(function, node)
 
     def visit_AsyncFor(self, node: ast.AsyncFor) -> list[ast.stmt]:
         parts = {"VALUE": node.iter, "TARGET": node.target}
         kept = {"ITER": node.iter.id} if isinstance(node.iter, ast.Name) else {}
-        return _fill(_FOR, node, parts, {"BODY": node.body, "ELSE": node.orelse}, kept)
+        return _fill(
+            _FOR,
+            node,
+            parts,
+            {"BODY": node.body, "ELSE": node.orelse},
+            kept,
+        )
 
     def visit_AsyncWith(self, node: ast.AsyncWith) -> list[ast.stmt]:
         # `async with a, b` is `async with a` around `async with b`, so the last comes first.
@@ -647,7 +741,13 @@ class _Transformer(ast.NodeTransformer):
         for item in reversed(node.items):
             target = item.optional_vars or _store("@unused")
             value = item.context_expr
-            body = _fill(_WITH, value, {"VALUE": value, "TARGET": target}, {"BODY": body}, {})
+            body = _fill(
+                _WITH,
+                value,
+                {"VALUE": value, "TARGET": target},
+                {"BODY": body},
+                {},
+            )
         return body
 
     def visit_Await(self, node: ast.Await) -> ast.expr:

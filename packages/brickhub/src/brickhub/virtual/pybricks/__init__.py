@@ -47,7 +47,12 @@ def modules(machine: Machine, console: Console) -> Modules:
     for name in ("@branch", *COMPREHENSIONS):
         hooks[name] = machine.branch
     hooks["@callee"] = check_of_calls(most_nested_calls(hub))
-    importable = Modules(importable_modules, hooks, heap.namespaces, hub.model.missing)
+    importable = Modules(
+        importable_modules,
+        hooks,
+        heap.namespaces,
+        hub.model.missing,
+    )
     importable.product = machine.charge_product
     importable.find_frozen = functools.partial(frozen_module, hub=hub.model)
     return importable
@@ -79,7 +84,11 @@ def _pybricks_modules(context: Context) -> dict[str, ModuleType]:
     return result
 
 
-def _language_modules(machine: Machine, console: Console, heap: Heap) -> dict[str, ModuleType]:
+def _language_modules(
+    machine: Machine,
+    console: Console,
+    heap: Heap,
+) -> dict[str, ModuleType]:
     """MicroPython's own modules, by name, also with the prefix ``u`` where they have it."""
     model = machine.robot.hub.model
     language = [system.errno_module()]

@@ -94,7 +94,12 @@ class Context:
             Otherwise it only lets others run, or has done something for which others may wait.
     """
 
-    def __init__(self, machine: Machine, console: Console, ports: type[Any]) -> None:
+    def __init__(
+        self,
+        machine: Machine,
+        console: Console,
+        ports: type[Any],
+    ) -> None:
         self.machine = machine
         self.console = console
         self.ports = ports
@@ -173,7 +178,10 @@ class Awaited:
             self._current = None
 
     def finish(
-        self, is_done: Callable[[], bool], *callbacks: _Call | None, poll_ms: int = 0
+        self,
+        is_done: Callable[[], bool],
+        *callbacks: _Call | None,
+        poll_ms: int = 0,
     ) -> Any:
         """Cancel the previous command, then `Context.finish`."""
         self.cancel()
@@ -204,7 +212,11 @@ class Native:
 
 def _counted(method: Callable[..., Any]) -> Callable[..., Any]:
     @functools.wraps(method)
-    def call(self: Any, *args: Any, **kwargs: Any) -> Any:
+    def call(
+        self: Any,
+        *args: Any,
+        **kwargs: Any,
+    ) -> Any:
         self._machine.charge_call()
         try:
             return method(self, *args, **kwargs)
@@ -214,7 +226,11 @@ def _counted(method: Callable[..., Any]) -> Callable[..., Any]:
     return call
 
 
-def bind(context: Context, kind: type, *hidden: str) -> Any:
+def bind(
+    context: Context,
+    kind: type,
+    *hidden: str,
+) -> Any:
     """A subclass for one program, whose objects know the machine, without the ``hidden``
     attributes."""
     names: dict[str, Any] = {"_context": context, "_machine": context.machine}
@@ -239,11 +255,23 @@ def classes(context: Context, kinds: Iterable[type]) -> dict[str, Any]:
 class _Absent:
     """An attribute that a kind of hub lacks."""
 
-    def __set_name__(self, kind: type, name: str) -> None:
+    def __set_name__(
+        self,
+        kind: type,
+        name: str,
+    ) -> None:
         self._name = name
 
-    def __get__(self, instance: Any, kind: type) -> Any:
+    def __get__(
+        self,
+        instance: Any,
+        kind: type,
+    ) -> Any:
         raise AttributeError(f"'{kind.__name__}' object has no attribute '{self._name}'")
 
-    def __set__(self, instance: Any, value: Any) -> None:
+    def __set__(
+        self,
+        instance: Any,
+        value: Any,
+    ) -> None:
         """Without effect."""

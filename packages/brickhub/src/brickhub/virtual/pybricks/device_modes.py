@@ -62,7 +62,11 @@ class DataType(enum.IntEnum):
 class Plug:
     """Device on a port, and its stimuli."""
 
-    def __init__(self, machine: Machine, port: str) -> None:
+    def __init__(
+        self,
+        machine: Machine,
+        port: str,
+    ) -> None:
         self.machine = machine
         self.port = port
         self._last_sample = (0, 0)
@@ -199,7 +203,12 @@ class DeviceModes:
             ``first``: of motors, where the firmware reads their angle.
     """
 
-    def __init__(self, *modes: DeviceMode, first: int = 0, stale_ms: int = 0) -> None:
+    def __init__(
+        self,
+        *modes: DeviceMode,
+        first: int = 0,
+        stale_ms: int = 0,
+    ) -> None:
         self.modes = modes
         self._stale_ms = stale_ms
         self.first_mode = modes[first].name if modes else ""
@@ -216,7 +225,11 @@ def _lego_color(plug: Plug) -> Iterable[int]:
     return () if index is None else (list(_LEGO_COLORS)[index],)
 
 
-def _hsv_of_bytes(red: int, green: int, blue: int) -> Hsv:
+def _hsv_of_bytes(
+    red: int,
+    green: int,
+    blue: int,
+) -> Hsv:
     """Hue, saturation and value with the firmware's integers, low hues shifted to make yellow more
     accurate (``pb_color_map_rgb_to_hsv``)."""
     largest = max(red, green, blue)
@@ -277,13 +290,35 @@ def _force_raw(plug: Plug) -> Iterable[int]:
 # The modes of each device in the order of their numbers, in the short form of a table: name,
 # number and type of values, and how they are read.
 _8, _16, _32 = DataType
-_REFLECTION = DeviceMode("REFLT", 1, _8, lambda plug: (reflection_pct(plug.color()),))
-_AMBIENT = DeviceMode("AMBI", 1, _8, lambda plug: (round(plug.ambient_pct()),))
+_REFLECTION = DeviceMode(
+    "REFLT",
+    1,
+    _8,
+    lambda plug: (reflection_pct(plug.color()),),
+)
+_AMBIENT = DeviceMode(
+    "AMBI",
+    1,
+    _8,
+    lambda plug: (round(plug.ambient_pct()),),
+)
 _POWER = DeviceMode("POWER", 1, _8, is_writable=True)
 _ABSOLUTE_MOTOR = DeviceModes(
     _POWER,
-    DeviceMode("SPEED", 1, _8, lambda plug: (plug.speed_pct(),), is_writable=True),
-    DeviceMode("POS", 1, _32, lambda plug: (plug.angle_mdeg() // 1000,), is_writable=True),
+    DeviceMode(
+        "SPEED",
+        1,
+        _8,
+        lambda plug: (plug.speed_pct(),),
+        is_writable=True,
+    ),
+    DeviceMode(
+        "POS",
+        1,
+        _32,
+        lambda plug: (plug.angle_mdeg() // 1000,),
+        is_writable=True,
+    ),
     DeviceMode(
         "APOS",
         1,
@@ -291,39 +326,89 @@ _ABSOLUTE_MOTOR = DeviceModes(
         lambda plug: ((plug.angle_mdeg() // 1000 + 180) % 360 - 180,),
         is_writable=True,
     ),
-    DeviceMode("CALIB", 2, _16, lambda plug: (0, plug.angle_mdeg() // 100 % 3600)),
+    DeviceMode(
+        "CALIB",
+        2,
+        _16,
+        lambda plug: (0, plug.angle_mdeg() // 100 % 3600),
+    ),
     DeviceMode("STATS", 14, _16),
     first=4,
 )
 _RELATIVE_MOTOR = DeviceModes(
     _POWER,
-    DeviceMode("SPEED", 1, _8, lambda plug: (plug.speed_pct(),)),
-    DeviceMode("POS", 1, _32, lambda plug: (plug.angle_mdeg() // 1000,)),
+    DeviceMode(
+        "SPEED",
+        1,
+        _8,
+        lambda plug: (plug.speed_pct(),),
+    ),
+    DeviceMode(
+        "POS",
+        1,
+        _32,
+        lambda plug: (plug.angle_mdeg() // 1000,),
+    ),
     DeviceMode("TEST", 5, _16),
     first=2,
 )
 SENSOR_MODES: Mapping[SensorKind, DeviceModes] = {
     SensorKind.LIGHT: DeviceModes(),
     SensorKind.TILT: DeviceModes(
-        DeviceMode("LPF2-ANGLE", 2, _8, lambda plug: reversed(plug.tilt_deg())),
+        DeviceMode(
+            "LPF2-ANGLE",
+            2,
+            _8,
+            lambda plug: reversed(plug.tilt_deg()),
+        ),
         DeviceMode("LPF2-TILT", 1, _8),
         DeviceMode("LPF2-CRASH", 3, _8),
         DeviceMode("LPF2-CAL", 3, _8),
     ),
     SensorKind.INFRARED: DeviceModes(
-        DeviceMode("LPF2-DETECT", 1, _8, lambda plug: (plug.proximity(),)),
-        DeviceMode("LPF2-COUNT", 1, _32, lambda plug: (plug.passed(),)),
-        DeviceMode("LPF2-CAL", 3, _16, lambda plug: (plug.infrared_raw(),)),
+        DeviceMode(
+            "LPF2-DETECT",
+            1,
+            _8,
+            lambda plug: (plug.proximity(),),
+        ),
+        DeviceMode(
+            "LPF2-COUNT",
+            1,
+            _32,
+            lambda plug: (plug.passed(),),
+        ),
+        DeviceMode(
+            "LPF2-CAL",
+            3,
+            _16,
+            lambda plug: (plug.infrared_raw(),),
+        ),
     ),
     SensorKind.COLOR_DISTANCE: DeviceModes(
         DeviceMode("COLOR", 1, _8, _lego_color),
-        DeviceMode("PROX", 1, _8, lambda plug: (plug.proximity(),)),
+        DeviceMode(
+            "PROX",
+            1,
+            _8,
+            lambda plug: (plug.proximity(),),
+        ),
         DeviceMode("COUNT", 1, _32),
         _REFLECTION,
         _AMBIENT,
         DeviceMode("COL O", 1, _8, is_writable=True),
-        DeviceMode("RGB I", 3, _16, lambda plug: plug.raw_rgb(is_boost=True)),
-        DeviceMode("IR Tx", 1, _16, is_writable=True),
+        DeviceMode(
+            "RGB I",
+            3,
+            _16,
+            lambda plug: plug.raw_rgb(is_boost=True),
+        ),
+        DeviceMode(
+            "IR Tx",
+            1,
+            _16,
+            is_writable=True,
+        ),
         DeviceMode("SPEC 1", 4, _8),
         DeviceMode("DEBUG", 2, _16),
         DeviceMode("CALIB", 8, _16),
@@ -336,22 +421,50 @@ SENSOR_MODES: Mapping[SensorKind, DeviceModes] = {
         _AMBIENT,
         DeviceMode("LIGHT", 3, _8, is_writable=True),
         DeviceMode("RREFL", 2, _16),
-        DeviceMode("RGB I", 4, _16, lambda plug: plug.raw_rgb(is_boost=False)),
-        DeviceMode("HSV", 3, _16, lambda plug: _hsv(plug, Sense.SURFACE)),
-        DeviceMode("SHSV", 4, _16, lambda plug: _hsv(plug, Sense.AMBIENT)),
+        DeviceMode(
+            "RGB I",
+            4,
+            _16,
+            lambda plug: plug.raw_rgb(is_boost=False),
+        ),
+        DeviceMode(
+            "HSV",
+            3,
+            _16,
+            lambda plug: _hsv(plug, Sense.SURFACE),
+        ),
+        DeviceMode(
+            "SHSV",
+            4,
+            _16,
+            lambda plug: _hsv(plug, Sense.AMBIENT),
+        ),
         DeviceMode("DEBUG", 4, _16),
         DeviceMode("CALIB", 7, _16),
         stale_ms=30,
     ),
     SensorKind.FORCE: DeviceModes(
-        DeviceMode("FORCE", 1, _8, lambda plug: (plug.force_mn() * 100 // MAX_FORCE_MN,)),
-        DeviceMode("TOUCH", 1, _8, lambda plug: (int(plug.force_mn() > 0),)),
+        DeviceMode(
+            "FORCE",
+            1,
+            _8,
+            lambda plug: (plug.force_mn() * 100 // MAX_FORCE_MN,),
+        ),
+        DeviceMode(
+            "TOUCH",
+            1,
+            _8,
+            lambda plug: (int(plug.force_mn() > 0),),
+        ),
         DeviceMode("TAP", 1, _8),
         DeviceMode("FPEAK", 1, _8),
         DeviceMode("FRAW", 1, _16, _force_raw),
         DeviceMode("FPRAW", 1, _16),
         DeviceMode(
-            "CALIB", 8, _16, lambda plug: (0, 0, _FORCE_RELEASED_RAW, 0, 0, 0, _FORCE_MAX_RAW)
+            "CALIB",
+            8,
+            _16,
+            lambda plug: (0, 0, _FORCE_RELEASED_RAW, 0, 0, 0, _FORCE_MAX_RAW),
         ),
     ),
     SensorKind.COLOR_LIGHT_MATRIX: DeviceModes(
@@ -362,7 +475,12 @@ SENSOR_MODES: Mapping[SensorKind, DeviceModes] = {
     ),
     SensorKind.ULTRASONIC: DeviceModes(
         DeviceMode("DISTL", 1, _16, _millimetres),
-        DeviceMode("DISTS", 1, _16, lambda plug: _millimetres(plug, _DISTS_MAX_MM)),
+        DeviceMode(
+            "DISTS",
+            1,
+            _16,
+            lambda plug: _millimetres(plug, _DISTS_MAX_MM),
+        ),
         DeviceMode("SINGL", 1, _16, _millimetres),
         DeviceMode("LISTN", 1, _8),
         DeviceMode("TRAW", 1, _32, _echo_us),

@@ -60,7 +60,11 @@ class ColorLight(Native):
         self._machine.panel.stop_animation("light")
         self._set_light(None, 0)
 
-    def blink(self, color: Any, durations: Any) -> None:
+    def blink(
+        self,
+        color: Any,
+        durations: Any,
+    ) -> None:
         # Never more than its length says, of a sequence that a program has written itself.
         count = len(durations)
         durations_ms = [get_int(duration) for duration in itertools.islice(durations, count)]
@@ -73,7 +77,11 @@ class ColorLight(Native):
             frames.append((shown_color, duration_ms))
         self._play(frames)
 
-    def animate(self, colors: Any, interval: Any) -> None:
+    def animate(
+        self,
+        colors: Any,
+        interval: Any,
+    ) -> None:
         sequence = list(itertools.islice(colors, len(colors)))
         for color in sequence:
             expect_type(color, Color)
@@ -85,7 +93,11 @@ class ColorLight(Native):
             steps = itertools.starmap(self._set_light, itertools.cycle(frames))
             self._machine.panel.animate("light", steps)
 
-    def _set_light(self, color: Any, duration_ms: int) -> int:
+    def _set_light(
+        self,
+        color: Any,
+        duration_ms: int,
+    ) -> int:
         """Show a color, and return for how long, as the panel asks of a step of an animation."""
         light = None
         if color is not None and color.v > 0:
@@ -105,9 +117,18 @@ class _Timed(Native):
     def __init__(self) -> None:
         self._awaited = Awaited(self._context)
 
-    def _play(self, steps: Iterator[bool], on_close: Callable[[], None] | None = None) -> Any:
+    def _play(
+        self,
+        steps: Iterator[bool],
+        on_close: Callable[[], None] | None = None,
+    ) -> Any:
         """Play ``steps``, which yield False until all is played."""
-        return self._awaited.finish(lambda: next(steps, True), None, on_close, poll_ms=1)
+        return self._awaited.finish(
+            lambda: next(steps, True),
+            None,
+            on_close,
+            poll_ms=1,
+        )
 
     def _until(self, end_ms: int) -> Iterator[bool]:
         while self._machine.time_ms < end_ms:
@@ -136,7 +157,11 @@ class LightMatrix(_Timed):
     def icon(self, icon: Any) -> None:
         self._show(_pixels(icon))
 
-    def animate(self, icons: Any, interval: Any) -> None:
+    def animate(
+        self,
+        icons: Any,
+        interval: Any,
+    ) -> None:
         interval_ms = get_int(interval)
         pictures = get_array(icons)
         expect(2 <= len(pictures) <= _MAX_FRAMES)
@@ -149,7 +174,12 @@ class LightMatrix(_Timed):
 
         self._machine.panel.animate("display", animation())
 
-    def pixel(self, row: Any, column: Any, brightness: Any = _MAX_BRIGHTNESS) -> None:
+    def pixel(
+        self,
+        row: Any,
+        column: Any,
+        brightness: Any = _MAX_BRIGHTNESS,
+    ) -> None:
         row_index = get_int(row)
         column_index = get_int(column)
         brightness_pct = percentage(brightness)
@@ -196,16 +226,30 @@ class LightMatrix(_Timed):
                 text = "<"
         self._show([0] * _SIZE**2, text)
 
-    def _show(self, pixels: list[int], text: str = "") -> None:
+    def _show(
+        self,
+        pixels: list[int],
+        text: str = "",
+    ) -> None:
         self._machine.panel.stop_animation("display")
         self._machine.panel.show(self._turned(pixels), text)
 
-    def text(self, text: Any, on: Any = 500, off: Any = 50) -> Any:
+    def text(
+        self,
+        text: Any,
+        on: Any = 500,
+        off: Any = 50,
+    ) -> Any:
         on_ms = get_int(on)
         off_ms = get_int(off)
         return self._play(self._text(get_text(text), on_ms, off_ms))
 
-    def _text(self, text: str, on_ms: int, off_ms: int) -> Iterator[bool]:
+    def _text(
+        self,
+        text: str,
+        on_ms: int,
+        off_ms: int,
+    ) -> Iterator[bool]:
         """Show each character and the pause after it."""
         for index, char in enumerate(text):
             self._show_symbol(char)
@@ -249,7 +293,11 @@ class Speaker(_Timed):
         self._volume = percentage(volume)
         return None
 
-    def beep(self, frequency: Any = 500, duration: Any = 100) -> Any:
+    def beep(
+        self,
+        frequency: Any = 500,
+        duration: Any = 100,
+    ) -> Any:
         """Play a tone at once; whoever waits for its end also ends it."""
         frequency_hz = get_int(frequency)
         duration_ms = get_int(duration)
@@ -260,13 +308,21 @@ class Speaker(_Timed):
         end_ms = self._machine.time_ms + duration_ms
         return self._play(self._rest_of_tone(end_ms), self._silence)
 
-    def play_notes(self, notes: Any, tempo: Any = 120) -> Any:
+    def play_notes(
+        self,
+        notes: Any,
+        tempo: Any = 120,
+    ) -> Any:
         remaining = iter(notes)
         # Four beats a bar; the tempo is in beats a minute.
         bar_ms = 4 * 60 * 1000 // get_int(tempo)
         return self._play(self._sounds(remaining, bar_ms), self._silence)
 
-    def _sounds(self, notes: Iterator[Any], bar_ms: int) -> Iterator[bool]:
+    def _sounds(
+        self,
+        notes: Iterator[Any],
+        bar_ms: int,
+    ) -> Iterator[bool]:
         """Play notes one by one; each is read only when its turn comes, as on a hub."""
         for note in notes:
             frequency_hz, sound_ms, total_ms = _parse_note(note, bar_ms)
@@ -279,7 +335,12 @@ class Speaker(_Timed):
     def _silence(self) -> None:
         self._machine.panel.change(sound_hz=0)
 
-    def _sound(self, frequency_hz: int, sound_ms: int, total_ms: int) -> Iterator[bool]:
+    def _sound(
+        self,
+        frequency_hz: int,
+        sound_ms: int,
+        total_ms: int,
+    ) -> Iterator[bool]:
         """Play a note with the silence at its end."""
         start_ms = self._machine.time_ms
         self._machine.panel.change(sound_hz=frequency_hz)
@@ -402,7 +463,12 @@ class System(Native):
     def shutdown(self) -> None:
         raise SwitchedOff
 
-    def storage(self, offset: Any, read: Any = None, write: Any = None) -> bytes | None:
+    def storage(
+        self,
+        offset: Any,
+        read: Any = None,
+        write: Any = None,
+    ) -> bytes | None:
         expect_int(offset, 0 if read is None else read)
         start: int = offset
         if (read is None) == (write is None):
@@ -427,7 +493,11 @@ class _Hub:
     _parts: dict[str, Any]
     _context: Context
 
-    def __init__(self, broadcast_channel: Any = None, observe_channels: Any = ()) -> None:
+    def __init__(
+        self,
+        broadcast_channel: Any = None,
+        observe_channels: Any = (),
+    ) -> None:
         self.__dict__.update(self._parts)
         self.ble = None
         if broadcast_channel is not None or observe_channels != ():
@@ -455,7 +525,12 @@ class _MoveHub(_OrientedHub):
         broadcast_channel: Any = None,
         observe_channels: Any = (),
     ) -> None:
-        super().__init__(top_side, front_side, broadcast_channel, observe_channels)
+        super().__init__(
+            top_side,
+            front_side,
+            broadcast_channel,
+            observe_channels,
+        )
 
 
 def _as_module(name: str, part: Any) -> ModuleType:

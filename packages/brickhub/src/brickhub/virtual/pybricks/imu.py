@@ -111,7 +111,11 @@ class IMU(Native):
         self._turned_ms: int | None = None
         self._orient(Axis.Z, Axis.X)
 
-    def _orient(self, top_side: Any, front_side: Any) -> None:
+    def _orient(
+        self,
+        top_side: Any,
+        front_side: Any,
+    ) -> None:
         """Set the directions of the hub's top and front in the robot's frame, and the heading to 0.
         Raises ValueError if they are not at right angles."""
         front = _axis(front_side)
@@ -165,7 +169,11 @@ class IMU(Native):
     def up(self, calibrated: Any = True) -> Any:
         return _side_up(self._upwards(calibrated))
 
-    def acceleration(self, axis: Any = None, calibrated: Any = True) -> Any:
+    def acceleration(
+        self,
+        axis: Any = None,
+        calibrated: Any = True,
+    ) -> Any:
         # In whole steps of the sensor, as a hub reads them.
         x, y, z = (
             round(part / _MM_S2_PER_STEP) * _MM_S2_PER_STEP
@@ -177,7 +185,11 @@ class IMU(Native):
         force = self._in_robot_frame(force)
         return vector(*force) if axis is None else _project(force, axis)
 
-    def angular_velocity(self, axis: Any = None, calibrated: Any = True) -> Any:
+    def angular_velocity(
+        self,
+        axis: Any = None,
+        calibrated: Any = True,
+    ) -> Any:
         rates = self._in_robot_frame(self._heading.rates_deg_s(calibrated=bool(calibrated)))
         return vector(*rates) if axis is None else _project(rates, axis)
 
@@ -192,7 +204,11 @@ class IMU(Native):
             raise HubOSError("Can't reset heading while gyro in use. Stop driving first.")
         self._heading.set_angle(get_number(angle))
 
-    def rotation(self, axis: Any = None, calibrated: Any = True) -> float:
+    def rotation(
+        self,
+        axis: Any = None,
+        calibrated: Any = True,
+    ) -> float:
         rotation_deg = self._heading.rotation_deg(calibrated=bool(calibrated))
         return _project(self._in_robot_frame(rotation_deg), axis)
 
@@ -340,7 +356,11 @@ class Accelerometer(Native):
     def __init__(self) -> None:
         self._orient(3, 1)
 
-    def _orient(self, top_side: Any, front_side: Any) -> None:
+    def _orient(
+        self,
+        top_side: Any,
+        front_side: Any,
+    ) -> None:
         """Set the axes, 1 to 3 or negative, along which top and front of the hub are in the robot.
         Raises ValueError if they are not at right angles."""
         top = get_int(top_side)

@@ -68,7 +68,11 @@ class PUPDevice(Device):
             columns = [f"{name}_{index}" for index in range(device_mode.count)]
         return self._measure(device_mode.name, lambda: device_mode.values(self._plug), *columns)
 
-    def write(self, mode: Any, data: Any) -> Any:
+    def write(
+        self,
+        mode: Any,
+        data: Any,
+    ) -> Any:
         """Command without a visible effect; values are checked."""
         device_mode = self._checked_mode(mode, "Invalid mode")
         if not device_mode.is_writable:
@@ -83,7 +87,11 @@ class PUPDevice(Device):
         self._release_motor(device_mode.name)
         return self._write(device_mode.name)
 
-    def _checked_mode(self, mode: Any, refusal: str) -> DeviceMode:
+    def _checked_mode(
+        self,
+        mode: Any,
+        refusal: str,
+    ) -> DeviceMode:
         """A mode that the program names by its number. Raises OSError (EPERM) for a passive
         device."""
         if not self._modes:
@@ -123,7 +131,11 @@ class UARTDevice(Native):
     """
 
     def __init__(
-        self, port: Any, baudrate: Any = 115200, timeout: Any = None, power_pin: Any = 0
+        self,
+        port: Any,
+        baudrate: Any = 115200,
+        timeout: Any = None,
+        power_pin: Any = 0,
     ) -> None:
         self._timeout_ms = None if timeout is None else get_int(timeout)
         expect(self._timeout_ms is None or self._timeout_ms >= 1)
@@ -181,7 +193,11 @@ class UARTDevice(Native):
     def clear(self) -> None:
         self._busy.clear()
 
-    def _transfer(self, direction: str, duration_ms: float) -> Callable[[], bool]:
+    def _transfer(
+        self,
+        direction: str,
+        duration_ms: float,
+    ) -> Callable[[], bool]:
         """Whether a transfer is done; it begins at the first call. Raises OSError: EBUSY,
         ETIMEDOUT."""
         start_ms: int | None = None

@@ -108,7 +108,11 @@ class Matrix:
             scaled.append([to_single(number * scale) for number in row])
         return _from_rows(scaled)
 
-    def _elementwise(self, other: Any, sign: int) -> Any:
+    def _elementwise(
+        self,
+        other: Any,
+        sign: int,
+    ) -> Any:
         if not isinstance(other, Matrix):
             return NotImplemented
         expect(self.shape == other.shape)

@@ -217,7 +217,13 @@ class Color:
     _name: str | None
     hash_is_address = True
 
-    def __init__(self, h: Any, s: Any = 100, v: Any = 100, name: str | None = None) -> None:
+    def __init__(
+        self,
+        h: Any,
+        s: Any = 100,
+        v: Any = 100,
+        name: str | None = None,
+    ) -> None:
         hue = get_int(h) % 360
         saturation = max(0, min(100, get_int(s)))
         value = max(-100, min(100, get_int(v)))
@@ -227,7 +233,11 @@ class Color:
         object.__setattr__(self, "v", value)
         object.__setattr__(self, "_name", name)
 
-    def __setattr__(self, name: str, value: Any) -> None:
+    def __setattr__(
+        self,
+        name: str,
+        value: Any,
+    ) -> None:
         raise AttributeError(f"'Color' object has no attribute '{name}'")
 
     def __repr__(self) -> str:
@@ -284,13 +294,22 @@ class _Palette:
         colors = HubDict.sized(len(NAMED_COLORS), NAMED_COLORS.items())
         object.__setattr__(self, "_colors", colors)
 
-    def __call__(self, h: Any, s: Any = 100, v: Any = 100) -> Color:
+    def __call__(
+        self,
+        h: Any,
+        s: Any = 100,
+        v: Any = 100,
+    ) -> Color:
         return Color(h, s, v)
 
     def __getitem__(self, name: Any) -> Any:
         return self._colors[name]
 
-    def __setitem__(self, name: Any, color: Any) -> None:
+    def __setitem__(
+        self,
+        name: Any,
+        color: Any,
+    ) -> None:
         expect_type(color, Color)
         self._colors[name] = color
         if isinstance(name, str) and color._name is None:

@@ -44,7 +44,11 @@ def acceleration_value(up: int, down: int) -> Any:
     return up if up == down else (up, down)
 
 
-def acceleration_pair(value: Any, up: int, down: int) -> tuple[int, int]:
+def acceleration_pair(
+    value: Any,
+    up: int,
+    down: int,
+) -> tuple[int, int]:
     """Pair of accelerations from one number or a pair; ``None`` keeps what is set."""
     if value is None:
         return up, down
@@ -62,14 +66,21 @@ def magnitude(value: Any, default: int) -> int:
 class Control(Native):
     """Settings of one controller. Without arguments, each method returns what is set."""
 
-    def __init__(self, controller: Callable[[], Controller], context: Context) -> None:
+    def __init__(
+        self,
+        controller: Callable[[], Controller],
+        context: Context,
+    ) -> None:
         self._controller = controller
         self._machine = context.machine
         self.scale = controller().settings.steps_per_unit
         self.log = Log(lambda: controller().log, context)
 
     def limits(
-        self, speed: Any = None, acceleration: Any = None, torque: Any = None
+        self,
+        speed: Any = None,
+        acceleration: Any = None,
+        torque: Any = None,
     ) -> tuple[Any, ...] | None:
         settings = self._controller().settings
         now_speed, up, down, now_torque = settings.limits()
@@ -78,7 +89,12 @@ class Control(Native):
         up, down = acceleration_pair(acceleration, up, down)
         new_speed = magnitude(speed, now_speed)
         new_torque = magnitude(torque, now_torque)
-        settings.set_limits(new_speed, up, down, new_torque)
+        settings.set_limits(
+            new_speed,
+            up,
+            down,
+            new_torque,
+        )
         return None
 
     def pid(
@@ -89,15 +105,34 @@ class Control(Native):
         integral_deadzone: Any = None,
         integral_rate: Any = None,
     ) -> tuple[int, ...] | None:
-        return self._get_or_set("pid", kp, ki, kd, integral_deadzone, integral_rate)
+        return self._get_or_set(
+            "pid",
+            kp,
+            ki,
+            kd,
+            integral_deadzone,
+            integral_rate,
+        )
 
-    def target_tolerances(self, speed: Any = None, position: Any = None) -> tuple[int, ...] | None:
+    def target_tolerances(
+        self,
+        speed: Any = None,
+        position: Any = None,
+    ) -> tuple[int, ...] | None:
         return self._get_or_set("target_tolerances", speed, position)
 
-    def stall_tolerances(self, speed: Any = None, time: Any = None) -> tuple[int, ...] | None:
+    def stall_tolerances(
+        self,
+        speed: Any = None,
+        time: Any = None,
+    ) -> tuple[int, ...] | None:
         return self._get_or_set("stall_tolerances", speed, time)
 
-    def _get_or_set(self, name: str, *values: Any) -> tuple[int, ...] | None:
+    def _get_or_set(
+        self,
+        name: str,
+        *values: Any,
+    ) -> tuple[int, ...] | None:
         settings = self._controller().settings
         current = settings.group(name)
         if all(value is None for value in values):
@@ -145,12 +180,20 @@ class Control(Native):
 class Log(Native):
     """Records the state at each control loop, and prints it as a file that pybricksdev saves."""
 
-    def __init__(self, logger: Callable[[], Logger], context: Context) -> None:
+    def __init__(
+        self,
+        logger: Callable[[], Logger],
+        context: Context,
+    ) -> None:
         self._logger = logger
         self._machine = context.machine
         self._console = context.console
 
-    def start(self, duration: Any, down_sample: Any = 1) -> None:
+    def start(
+        self,
+        duration: Any,
+        down_sample: Any = 1,
+    ) -> None:
         step = max(get_int(down_sample), 1)
         duration_ms = get_int(duration)
         if duration_ms < 0:
@@ -182,7 +225,11 @@ class MotorModel(Native):
     """State of the observer, at the motor's own shaft: gears do not count
     (``pb_type_motor_model.c``)."""
 
-    def __init__(self, observer: Callable[[], Observer], machine: Machine) -> None:
+    def __init__(
+        self,
+        observer: Callable[[], Observer],
+        machine: Machine,
+    ) -> None:
         self._observer = observer
         self._machine = machine
 
@@ -235,7 +282,11 @@ class _BaseMotor(Native):
 
     _servo: Servo
 
-    def __init__(self, port: Any, positive_direction: Any) -> None:
+    def __init__(
+        self,
+        port: Any,
+        positive_direction: Any,
+    ) -> None:
         self._context.assert_blocking()
         self._letter = self._context.port_letter(port)
         expect_type(positive_direction, Direction)
@@ -270,7 +321,11 @@ class _BaseMotor(Native):
 class DCMotor(_BaseMotor):
     """Motor without rotation sensor."""
 
-    def __init__(self, port: Any, positive_direction: Any = Direction.CLOCKWISE) -> None:
+    def __init__(
+        self,
+        port: Any,
+        positive_direction: Any = Direction.CLOCKWISE,
+    ) -> None:
         super().__init__(port, positive_direction)
         # On a bench a motor with an encoder may stand for what the program asks for.
         is_fitted = self._machine.plug_in(self._letter, "DCMotor")
@@ -305,7 +360,12 @@ class Motor(_BaseMotor):
         with firmware_errors():
             # 0 is the profile of the motor itself.
             profile_deg = 0 if profile is None else abs(get_int(profile))
-            servo.setup(self._direction, ratio, bool(reset_angle), profile_deg)
+            servo.setup(
+                self._direction,
+                ratio,
+                bool(reset_angle),
+                profile_deg,
+            )
         self._servo = servo
         self._awaited = Awaited(self._context)
         # Asked for at each use, as a new setup of the motor makes new ones.
@@ -352,14 +412,24 @@ class Motor(_BaseMotor):
 
     # ---- moves
 
-    def run_time(self, speed: Any, time: Any, then: Any = Stop.HOLD, wait: Any = True) -> Any:
+    def run_time(
+        self,
+        speed: Any,
+        time: Any,
+        then: Any = Stop.HOLD,
+        wait: Any = True,
+    ) -> Any:
         speed_deg_s = get_int(speed)
         time_ms = max(0, get_int(time))
         self._servo.run_time(speed_deg_s, time_ms, completion(then))
         return self._finish(ends_by_time=True) if wait else None
 
     def run_angle(
-        self, speed: Any, rotation_angle: Any, then: Any = Stop.HOLD, wait: Any = True
+        self,
+        speed: Any,
+        rotation_angle: Any,
+        then: Any = Stop.HOLD,
+        wait: Any = True,
     ) -> Any:
         speed_deg_s = get_int(speed)
         angle_deg = get_int(rotation_angle)
@@ -367,21 +437,34 @@ class Motor(_BaseMotor):
         return self._finish() if wait else None
 
     def run_target(
-        self, speed: Any, target_angle: Any, then: Any = Stop.HOLD, wait: Any = True
+        self,
+        speed: Any,
+        target_angle: Any,
+        then: Any = Stop.HOLD,
+        wait: Any = True,
     ) -> Any:
         speed_deg_s = get_int(speed)
         target_deg = get_int(target_angle)
         self._servo.run_target(speed_deg_s, target_deg, completion(then))
         return self._finish() if wait else None
 
-    def run_until_stalled(self, speed: Any, then: Any = Stop.COAST, duty_limit: Any = None) -> Any:
+    def run_until_stalled(
+        self,
+        speed: Any,
+        then: Any = Stop.COAST,
+        duty_limit: Any = None,
+    ) -> Any:
         speed_deg_s = get_int(speed)
         stop = completion(then)
         duty_limit_pct = None if duty_limit is None else percentage(duty_limit)
         self._servo.run_until_stalled(speed_deg_s, stop, duty_limit_pct)
         return self._finish(returns_angle=True)
 
-    def _finish(self, returns_angle: bool = False, ends_by_time: bool = False) -> Any:
+    def _finish(
+        self,
+        returns_angle: bool = False,
+        ends_by_time: bool = False,
+    ) -> Any:
         """Wait for the end of the move. Raises TwinError if the bench blocks it, so that it never
         ends."""
         machine = self._machine

@@ -68,7 +68,12 @@ class Device(Native):
                 return True
         return False
 
-    def _measure(self, mode: str, get: Callable[[], Any], *quantities: str) -> Any:
+    def _measure(
+        self,
+        mode: str,
+        get: Callable[[], Any],
+        *quantities: str,
+    ) -> Any:
         """Value of ``get`` in a mode of the device; ``quantities`` are its parts' names in the log
         of the run."""
 
@@ -140,7 +145,11 @@ class Device(Native):
         return self._context.finish(self._is_ready, result, poll_ms=max(1, remaining_ms))
 
 
-def _reading(mode: str, get: Callable[[Any], Any], *quantities: str) -> Callable[..., Any]:
+def _reading(
+    mode: str,
+    get: Callable[[Any], Any],
+    *quantities: str,
+) -> Callable[..., Any]:
     """A method that measures in one mode, as :meth:`Device._measure`."""
 
     def read(self: Device) -> Any:
@@ -152,7 +161,11 @@ def _reading(mode: str, get: Callable[[Any], Any], *quantities: str) -> Callable
 class LightArray(Native):
     """Lights around the eye of a sensor; the panel shows the brightest."""
 
-    def __init__(self, device: Device, count: int) -> None:
+    def __init__(
+        self,
+        device: Device,
+        count: int,
+    ) -> None:
         self._device = device
         self._machine = device._machine
         self._count = count
@@ -176,7 +189,11 @@ LightArray.__name__ = ""  # as in the firmware
 class ColorLight(Native):
     """Light of a device; ``command`` tells the device its color, without a visible effect."""
 
-    def __init__(self, device: Any, command: Callable[[], Any]) -> None:
+    def __init__(
+        self,
+        device: Any,
+        command: Callable[[], Any],
+    ) -> None:
         self._machine = device._machine
         self._command = command
 
@@ -333,7 +350,12 @@ class TiltSensor(Device):
 
     _kind = SensorKind.TILT
 
-    tilt = _reading("LPF2-ANGLE", lambda self: self._plug.tilt_deg(), "pitch_deg", "roll_deg")
+    tilt = _reading(
+        "LPF2-ANGLE",
+        lambda self: self._plug.tilt_deg(),
+        "pitch_deg",
+        "roll_deg",
+    )
 
 
 class Light(Device):
@@ -370,7 +392,11 @@ class PFMotor(Native):
     effect."""
 
     def __init__(
-        self, sensor: Any, channel: Any, color: Any, positive_direction: Any = Direction.CLOCKWISE
+        self,
+        sensor: Any,
+        channel: Any,
+        color: Any,
+        positive_direction: Any = Direction.CLOCKWISE,
     ) -> None:
         expect_type(sensor, ColorDistanceSensor)
         expect(1 <= get_int(channel) <= 4)

@@ -47,7 +47,11 @@ class DriveBase(Native):
     """Drive base of two motors: mm, degrees, clockwise positive."""
 
     def __init__(
-        self, left_motor: Any, right_motor: Any, wheel_diameter: Any, axle_track: Any
+        self,
+        left_motor: Any,
+        right_motor: Any,
+        wheel_diameter: Any,
+        axle_track: Any,
     ) -> None:
         for motor in (left_motor, right_motor):
             expect_type(motor, Motor)
@@ -61,12 +65,21 @@ class DriveBase(Native):
 
     # ---- moves
 
-    def straight(self, distance: Any, then: Any = Stop.HOLD, wait: Any = True) -> Any:
+    def straight(
+        self,
+        distance: Any,
+        then: Any = Stop.HOLD,
+        wait: Any = True,
+    ) -> Any:
         self._base.straight(get_int(distance), completion(then))
         return self._finish() if wait else None
 
     def turn(
-        self, angle: Any, then: Any = Stop.HOLD, wait: Any = True, absolute: Any = False
+        self,
+        angle: Any,
+        then: Any = Stop.HOLD,
+        wait: Any = True,
+        absolute: Any = False,
     ) -> Any:
         if absolute:
             self._base.turn_to(get_int(angle), completion(then))
@@ -74,7 +87,12 @@ class DriveBase(Native):
             self._base.turn(get_int(angle), completion(then))
         return self._finish() if wait else None
 
-    def move_by(self, dx: Any, dy: Any, then: Any = Stop.HOLD) -> Any:
+    def move_by(
+        self,
+        dx: Any,
+        dy: Any,
+        then: Any = Stop.HOLD,
+    ) -> Any:
         """Turn the shorter way and drive to a point, x ahead of heading 0 and y to its left.
         Direction and distance are truncated to whole degrees and mm."""
         x = get_int(dx)
@@ -89,7 +107,13 @@ class DriveBase(Native):
         end = completion(then)
         return self._finish(lambda: self._base.straight(distance, end))
 
-    def curve(self, radius: Any, angle: Any, then: Any = Stop.HOLD, wait: Any = True) -> Any:
+    def curve(
+        self,
+        radius: Any,
+        angle: Any,
+        then: Any = Stop.HOLD,
+        wait: Any = True,
+    ) -> Any:
         radius_mm = get_int(radius)
         angle_deg = get_int(angle)
         self._base.curve(radius_mm, angle_deg, completion(then))
@@ -107,12 +131,26 @@ class DriveBase(Native):
         if (angle is None) == (distance is None):
             raise ValueError("Please specify distance or angle but not both.")
         if distance is None:
-            self._base.arc(radius_mm, None, get_int(angle), completion(then))
+            self._base.arc(
+                radius_mm,
+                None,
+                get_int(angle),
+                completion(then),
+            )
         else:
-            self._base.arc(radius_mm, get_int(distance), 0, completion(then))
+            self._base.arc(
+                radius_mm,
+                get_int(distance),
+                0,
+                completion(then),
+            )
         return self._finish() if wait else None
 
-    def drive(self, speed: Any, turn_rate: Any) -> None:
+    def drive(
+        self,
+        speed: Any,
+        turn_rate: Any,
+    ) -> None:
         speed_mm_s = get_int(speed)
         turn_rate_deg_s = get_int(turn_rate)
         # Who awaits the former move goes on, whether this one is accepted or not.
@@ -150,7 +188,11 @@ class DriveBase(Native):
 
     # ---- settings
 
-    def reset(self, distance: Any = 0, angle: Any = 0) -> None:
+    def reset(
+        self,
+        distance: Any = 0,
+        angle: Any = 0,
+    ) -> None:
         distance_mm = get_int(distance)
         angle_deg = get_int(angle)
         self._base.reset(distance_mm, angle_deg)
@@ -223,7 +265,12 @@ class Car(Native):
     """Finds the end stops of its steering at construction; the middle between them is straight
     ahead."""
 
-    def __init__(self, steer_motor: Any, drive_motors: Any, torque_limit: Any = 100) -> None:
+    def __init__(
+        self,
+        steer_motor: Any,
+        drive_motors: Any,
+        torque_limit: Any = 100,
+    ) -> None:
         self._steer = _servo(steer_motor)
         motors = drive_motors if isinstance(drive_motors, list | tuple) else [drive_motors]
         if not 1 <= len(motors) <= _MAX_DRIVE_MOTORS:
@@ -264,11 +311,20 @@ class Car(Native):
         for servo in self._drive:
             servo.run(value)
 
-    def _end_stop(self, speed: int, torque_unm: int) -> int:
+    def _end_stop(
+        self,
+        speed: int,
+        torque_unm: int,
+    ) -> int:
         self._context.assert_blocking()
         servo = self._steer
         start_ms = self._machine.time_ms
-        servo.run_until_stalled(speed, OnCompletion.COAST, None, torque_unm)
+        servo.run_until_stalled(
+            speed,
+            OnCompletion.COAST,
+            None,
+            torque_unm,
+        )
         while not servo.is_done():
             if self._machine.time_ms - start_ms > _SEARCH_TIMEOUT_MS:
                 raise RuntimeError(

@@ -21,7 +21,11 @@ _DONE = object()
 class StopWatch(Native):
     """Time in ms since construction or reset, without pauses."""
 
-    def __init__(self, *_unused: Any, **_named: Any) -> None:
+    def __init__(
+        self,
+        *_unused: Any,
+        **_named: Any,
+    ) -> None:
         self._start = self._machine.time_ms
         self._pause: int | None = None
 
@@ -53,7 +57,11 @@ class Task:
 
     _context: Context
 
-    def __init__(self, *tasks: Any, **race: Any) -> None:
+    def __init__(
+        self,
+        *tasks: Any,
+        **race: Any,
+    ) -> None:
         self._tasks = tasks
         self._iterators: list[Iterator[Any]] = [_iterator(task) for task in tasks]
         self._results: list[Any] = [None] * len(tasks)

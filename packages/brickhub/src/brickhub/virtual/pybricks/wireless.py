@@ -86,7 +86,12 @@ class Wireless(Native):
     _pause_ms: int | None = None
     """Pause before the second search; ``None`` if there is none."""
 
-    def __init__(self, name: Any = None, timeout: Any = 10000, connect: Any = True) -> None:
+    def __init__(
+        self,
+        name: Any = None,
+        timeout: Any = 10000,
+        connect: Any = True,
+    ) -> None:
         self._context.assert_blocking()
         if name is not None and len(get_text(name).encode()) > _MAX_NAME_BYTES:
             raise ValueError("Name too long")
@@ -157,7 +162,11 @@ class Wireless(Native):
 class _Buttons(Native):
     """Buttons of a device in the firmware's order, pressed by the panel."""
 
-    def __init__(self, device: Wireless, names: tuple[str, ...]) -> None:
+    def __init__(
+        self,
+        device: Wireless,
+        names: tuple[str, ...],
+    ) -> None:
         self._device = device
         self._machine = device._machine
         self._names = names
@@ -199,7 +208,12 @@ class Remote(Wireless):
 
     _kind = "remote"
 
-    def __init__(self, name: Any = None, timeout: Any = 10000, connect: Any = True) -> None:
+    def __init__(
+        self,
+        name: Any = None,
+        timeout: Any = 10000,
+        connect: Any = True,
+    ) -> None:
         self.buttons = _Buttons(self, REMOTE_BUTTONS)
         self.light = ColorLight(self, self._done)
         self._wanted = None if name is None else get_text(name)
@@ -312,7 +326,11 @@ class XboxController(Wireless):
         return 100 * ("left_trigger" in down), 100 * ("right_trigger" in down)
 
     def rumble(
-        self, power: Any = 100, duration: Any = 200, count: Any = 1, delay: Any = 100
+        self,
+        power: Any = 100,
+        duration: Any = 200,
+        count: Any = 1,
+        delay: Any = 100,
     ) -> Any:
         powers = power if isinstance(power, list | tuple) else (power,) * _RUMBLE_MOTORS
         if len(powers) != _RUMBLE_MOTORS:
@@ -329,7 +347,11 @@ def _raw_axis(value: int) -> int:
     return value + 1 if value == _STICK_MAX else value
 
 
-def _stick(down: frozenset[str], side: str, limit: int) -> tuple[int, int]:
+def _stick(
+    down: frozenset[str],
+    side: str,
+    limit: int,
+) -> tuple[int, int]:
     """Position of a stick of the Xbox controller: to the right, and up."""
     # Opposite directions at the same time cancel out.
     left = f"joystick_{side}_left" in down
@@ -359,7 +381,11 @@ def _dpad(down: frozenset[str]) -> int:
 class Radio(Native):
     """``hub.ble`` and ``pybricks.messaging.BLERadio``; channels 0 to 255."""
 
-    def __init__(self, broadcast_channel: Any = None, observe_channels: Any = ()) -> None:
+    def __init__(
+        self,
+        broadcast_channel: Any = None,
+        observe_channels: Any = (),
+    ) -> None:
         if broadcast_channel is not None:
             channel = get_exact_int(broadcast_channel)
             if not 0 <= channel <= _LAST_CHANNEL:
@@ -430,7 +456,11 @@ class HubNetwork:
     """Network of hubs, of Pybricks 4.1, which is not played: its messages are not documented
     yet."""
 
-    def __init__(self, *values: Any, **options: Any) -> None:
+    def __init__(
+        self,
+        *values: Any,
+        **options: Any,
+    ) -> None:
         raise NotImplementedError(
             "the virtual hub does not play HubNetwork; use BLERadio, or a real hub"
         )
@@ -470,7 +500,11 @@ def messaging_module(context: Context) -> ModuleType:
             console.inbox = bytearray(start)
             self.write_bytes(bytes((_SET_UP, *self._slices)))
 
-        def get_bytes(self, mode: int, index: int | None = None) -> bytes | int:
+        def get_bytes(
+            self,
+            mode: int,
+            index: int | None = None,
+        ) -> bytes | int:
             machine.charge_call()
             if get_exact_int(mode) not in self._slices:
                 raise ValueError("invalid mode")
@@ -487,7 +521,12 @@ def messaging_module(context: Context) -> ModuleType:
             console.write_app_data(payload)
             return context.done()
 
-        def configure(self, mode: Any, parameter: Any, value: Any) -> Any:
+        def configure(
+            self,
+            mode: Any,
+            parameter: Any,
+            value: Any,
+        ) -> Any:
             mode_number = get_exact_int(mode) & 0xFF
             parameter_number = get_exact_int(parameter) & 0xFF
             header = bytes((_CONFIGURE, mode_number, parameter_number))

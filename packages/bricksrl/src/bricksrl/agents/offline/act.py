@@ -60,7 +60,12 @@ class ChunkPolicy(TensorDictModuleBase):  # type: ignore[misc]
     (temporal ensemble of Zhao et al., 2023). ``network``: features ``[*batch, f]`` of the
     ``encoder`` to a chunk ``[*batch, k, m]``."""
 
-    def __init__(self, encoder: nn.Module, network: nn.Module, settings: ChunkSettings) -> None:
+    def __init__(
+        self,
+        encoder: nn.Module,
+        network: nn.Module,
+        settings: ChunkSettings,
+    ) -> None:
         super().__init__()
         self.in_keys = encoder_keys(encoder)
         self.out_keys = ["action"]
@@ -79,32 +84,46 @@ class ChunkPolicy(TensorDictModuleBase):  # type: ignore[misc]
 
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
         shape = tensordict[self.in_keys[0]].shape
-        if self._chunks and shape != self._shape:  # another batch: its observations do not follow
+        # another batch: its observations do not follow from the last ones
+        if self._chunks and shape != self._shape:
             self.reset()
         self._shape = shape
         if self._step % self._executed == 0:
-            self._chunks.append((self._step, self.network(encode(self.encoder, tensordict))))
+            features = encode(self.encoder, tensordict)
+            self._chunks.append((self._step, self.network(features)))
         if self._ensemble is None:
             del self._chunks[:-1]
+        # a chunk that has ended says nothing about this step; the newest never has, as no more of
+        # a chunk is executed than there is
         self._chunks = [
             (start, chunk) for start, chunk in self._chunks if start + chunk.shape[-2] > self._step
         ]
-        actions = torch.stack(
-            [chunk[..., self._step - start, :] for start, chunk in self._chunks], -1
-        )
+        # what each says about this step, the oldest first: [*batch, m, chunks]
+        predicted = [chunk[..., self._step - start, :] for start, chunk in self._chunks]
+        actions = torch.stack(predicted, -1)
         self._step += 1
-        age = torch.arange(actions.shape[-1], dtype=actions.dtype, device=actions.device)
-        weights = torch.softmax(-(self._ensemble or 0.0) * age, 0)
-        return tensordict.set("action", (actions @ weights).clamp(-1.0, 1.0))
+        places = torch.arange(actions.shape[-1], dtype=actions.dtype, device=actions.device)
+        weights = torch.softmax(-(self._ensemble or 0.0) * places, 0)
+        action = (actions @ weights).clamp(-1.0, 1.0)
+        return tensordict.set("action", action)
 
 
 def chunk_learner(
-    policy: ChunkPolicy, loss: LossModule, settings: ChunkSettings, **options: Any
+    policy: ChunkPolicy,
+    loss: LossModule,
+    settings: ChunkSettings,
+    **options: Any,
 ) -> Learner:
     """The learner of a chunk policy: imitates a dataset, acts without dropout."""
     optimizer = adam(loss.parameters(), settings, settings.weight_decay)
     options |= {"updates_per_step": settings.updates_per_step, "chunk": settings.chunk}
-    return Learner(policy, loss, optimizer, imitates=True, **options)
+    return Learner(
+        policy,
+        loss,
+        optimizer,
+        imitates=True,
+        **options,
+    )
 
 
 @dataclass(frozen=True)
@@ -132,6 +151,7 @@ class ACTSettings(ChunkSettings):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        # each head attends with an equal part of a token
         if self.width % self.heads:
             raise DescriptionError(
                 f"heads is {self.heads}, which does not divide the width {self.width}; "
@@ -168,15 +188,21 @@ PRESETS = {
 class EncodedACTLoss(ACTLoss):  # type: ignore[misc]
     """TorchRL's loss on encoded features."""
 
-    def __init__(self, actor: TensorDictModule, encoder: nn.Module, **kwargs: Any) -> None:
+    def __init__(
+        self,
+        actor: TensorDictModule,
+        encoder: nn.Module,
+        **kwargs: Any,
+    ) -> None:
         super().__init__(actor, **kwargs)
         self.encoder = encoder
         self.set_keys(action_chunk="action")
 
     def forward(self, tensordict: TensorDictBase) -> TensorDict:
-        return super().forward(
-            tensordict.select("action").set("observation", encode(self.encoder, tensordict))
-        )
+        # TorchRL's model reads one vector of this name, whatever the environment observes
+        encoded = tensordict.select("action")
+        encoded.set("observation", encode(self.encoder, tensordict))
+        return super().forward(encoded)
 
 
 class PredictedChunk(nn.Module):
@@ -187,10 +213,16 @@ class PredictedChunk(nn.Module):
         self.model = model
 
     def forward(self, features: Tensor) -> Any:
-        return self.model(features)[0]
+        # without actions to encode the model takes the latent to be 0, its mean beforehand
+        chunk, *_ = self.model(features)
+        return chunk
 
 
-def build(env: EnvBase, settings: ACTSettings, device: torch.device | str = "cpu") -> Learner:
+def build(
+    env: EnvBase,
+    settings: ACTSettings,
+    device: torch.device | str = "cpu",
+) -> Learner:
     """ACT for an environment. Initialized from torch's global generator."""
     encoder = make_encoder(env, settings)
     model = ACTModel(
@@ -209,8 +241,10 @@ def build(env: EnvBase, settings: ACTSettings, device: torch.device | str = "cpu
         model, in_keys=["observation", "action_chunk"], out_keys=["action_pred", "mu", "log_var"]
     ).to(device)
     loss = EncodedACTLoss(actor, encoder, kl_weight=settings.kl_weight).to(device)
+    policy = ChunkPolicy(encoder, PredictedChunk(model), settings).to(device)
+    # the sum: TorchRL reports its two parts under names that begin with "loss" too
     return chunk_learner(
-        ChunkPolicy(encoder, PredictedChunk(model), settings).to(device),
+        policy,
         loss,
         settings,
         descend=("loss_act",),

@@ -44,18 +44,35 @@ class ImitationLoss(BCLoss):  # type: ignore[misc]
     target_actor_network_params: TensorDictParams
 
 
-def build(env: EnvBase, settings: BCSettings, device: torch.device | str = "cpu") -> Learner:
+def build(
+    env: EnvBase,
+    settings: BCSettings,
+    device: torch.device | str = "cpu",
+) -> Learner:
     """Behaviour cloning for an environment. Initialized from torch's global generator."""
     encoder = make_encoder(env, settings)
     body = make_body(
-        settings, encoder.size, action_size(env), norm=settings.actor_norm, dropout=settings.dropout
+        settings,
+        encoder.size,
+        action_size(env),
+        norm=settings.actor_norm,
+        dropout=settings.dropout,
     )
-    actor, _ = deterministic_policy(encoder, body, action_spec(env), noise=0.0)
+    actor, _ = deterministic_policy(
+        encoder,
+        body,
+        action_spec(env),
+        noise=0.0,
+    )
     loss = ImitationLoss(actor.to(device), loss_function="l2").to(device)
     loss.set_keys(action="action")
     optimizer = adam(loss.parameters(), settings)
     return Learner(
-        actor, loss, optimizer, updates_per_step=settings.updates_per_step, imitates=True
+        actor,
+        loss,
+        optimizer,
+        updates_per_step=settings.updates_per_step,
+        imitates=True,
     )
 
 
@@ -70,10 +87,16 @@ def recorded_memory(
     """A buffer of recorded frames ``[time]``. With ``chunk``, actions are the next ``chunk`` ones
     ``[chunk, m]``; the last action of an episode is repeated."""
     if chunk:
-        rows = ActionChunkTransform(chunk, chunk_key="chunk")(
-            frames.select("action", ("next", "done"))[None]
-        )
-        frames = frames.clone(recurse=False).set("action", rows["chunk"][0])
-    memory = TransitionReplayBuffer(max(2, len(frames)), batch_size, keys, device=device)
+        # the transform needs a batch beside time, and reads where episodes end
+        whole = frames.select("action", ("next", "done"))[None]
+        chunked = ActionChunkTransform(chunk, chunk_key="chunk")(whole)
+        # a shallow copy: the caller's frames keep their single actions
+        frames = frames.clone(recurse=False).set("action", chunked["chunk"][0])
+    memory = TransitionReplayBuffer(
+        max(2, len(frames)),
+        batch_size,
+        keys,
+        device=device,
+    )
     memory.extend(frames)
     return memory

@@ -67,7 +67,10 @@ PRESETS = {
         default=CQLSettings(),
         images=CQLSettings(**IMAGES_TARGETS, alpha_init=0.1),
         paper=CQLSettings(
-            **PAPER_TARGETS, alpha_init=1.0, lagrange_threshold=5.0, imitation_updates=1000
+            **PAPER_TARGETS,
+            alpha_init=1.0,
+            lagrange_threshold=5.0,
+            imitation_updates=1000,
         ),
     )
 }
@@ -77,9 +80,18 @@ class CQLLoss(CountedUpdates, SACLoss):
     """Loss of conservative Q-learning."""
 
     def __init__(
-        self, encoder: nn.Module, actor: nn.Module, critics: Critics, settings: CQLSettings
+        self,
+        encoder: nn.Module,
+        actor: nn.Module,
+        critics: Critics,
+        settings: CQLSettings,
     ) -> None:
-        super().__init__(encoder, actor, critics, settings)
+        super().__init__(
+            encoder,
+            actor,
+            critics,
+            settings,
+        )
         is_learned = settings.lagrange_threshold is not None
         lagrange = ["loss_lagrange"] if is_learned else []
         self.out_keys = ["loss_qvalue", "loss_cql", *lagrange, "gap", *self.out_keys[1:]]
@@ -90,7 +102,16 @@ class CQLLoss(CountedUpdates, SACLoss):
         """Sampled actions ``[samples, batch, m]`` and their log-densities ``[samples, batch]``."""
         count = self.settings.sampled_actions
         (rows, size) = batch.action.shape
-        uniform = torch.rand(count, rows, size, device=batch.action.device) * 2.0 - 1.0
+        uniform = (
+            torch.rand(
+                count,
+                rows,
+                size,
+                device=batch.action.device,
+            )
+            * 2.0
+            - 1.0
+        )
         # each entry is uniform over a range of length 2: its density is 1/2
         density = uniform.new_full((count, rows), -math.log(2.0) * size)
         out = self.actor(torch.cat((batch.features, batch.next_features)))
@@ -105,7 +126,11 @@ class CQLLoss(CountedUpdates, SACLoss):
         return actions, torch.cat((density, *densities_of_states))
 
     @torch.no_grad()
-    def scores(self, features: Tensor, actions: Tensor) -> Tensor:
+    def scores(
+        self,
+        features: Tensor,
+        actions: Tensor,
+    ) -> Tensor:
         """Values ``[k, samples, batch]`` of actions ``[samples, batch, m]`` in states ``[batch,
         f]``."""
         at_once = max(1, ROWS_AT_ONCE // len(features))
@@ -178,7 +203,12 @@ def draw_indices(weights: Tensor, count: int) -> Tensor:
     k, samples, batch = weights.shape
     cumulative = weights.cumsum(1).transpose(1, 2).contiguous()
     # one random shift for all of a row's points, which are 1 / count apart: [k, batch, count]
-    shift = torch.rand(k, batch, 1, device=weights.device)
+    shift = torch.rand(
+        k,
+        batch,
+        1,
+        device=weights.device,
+    )
     points = (torch.arange(count, device=weights.device) + shift) / count
     # rounded sums end a little beside 1, and a point may lie beyond the last of them
     total = cumulative[..., -1:]
@@ -186,7 +216,11 @@ def draw_indices(weights: Tensor, count: int) -> Tensor:
     return indices.transpose(1, 2)
 
 
-def log_prob(out: Tensor, min_scale: float, action: Tensor) -> Tensor:
+def log_prob(
+    out: Tensor,
+    min_scale: float,
+    action: Tensor,
+) -> Tensor:
     """Log-probability ``[*batch]`` of actions ``[*batch, m]`` in -1..1, from the actor's
     outputs."""
     loc, scale = location_and_scale(out, min_scale)
@@ -196,6 +230,10 @@ def log_prob(out: Tensor, min_scale: float, action: Tensor) -> Tensor:
     return parts.sum(-1) - 0.5 * math.log(2.0 * math.pi) * action.shape[-1]
 
 
-def build(env: EnvBase, settings: CQLSettings, device: torch.device | str = "cpu") -> Learner:
+def build(
+    env: EnvBase,
+    settings: CQLSettings,
+    device: torch.device | str = "cpu",
+) -> Learner:
     """CQL for an environment. Initialized from torch's global generator."""
     return sac.build(env, settings, device, CQLLoss)

@@ -44,32 +44,42 @@ PRESETS = {
 class EncodedChunks(DiffusionBCLoss):  # type: ignore[misc]
     """TorchRL's loss on encoded features and action chunks."""
 
-    def __init__(self, actor: DiffusionActor, encoder: nn.Module) -> None:
+    def __init__(
+        self,
+        actor: DiffusionActor,
+        encoder: nn.Module,
+    ) -> None:
         super().__init__(actor)
         self.encoder = encoder
 
     def forward(self, tensordict: TensorDictBase) -> TensorDict:
         chunk = tensordict["action"].flatten(-2)
         features = encode(self.encoder, tensordict)
-        return super().forward(
-            TensorDict({"observation": features, "action": chunk}, tensordict.batch_size)
-        )
+        # TorchRL denoises one vector: the actions of a chunk, one after the other
+        encoded = TensorDict({"observation": features, "action": chunk}, tensordict.batch_size)
+        return super().forward(encoded)
 
 
-def build(env: EnvBase, settings: DiffusionSettings, device: torch.device | str = "cpu") -> Learner:
+def build(
+    env: EnvBase,
+    settings: DiffusionSettings,
+    device: torch.device | str = "cpu",
+) -> Learner:
     """The diffusion policy for an environment. Initialized from torch's global generator."""
     encoder = make_encoder(env, settings)
     m = action_size(env)
     size = m * settings.chunk
-    # at the last step nearly everything is noise, for any number of steps
+    # reads a noisy chunk, the features and the number of the denoising step
+    score_network = make_body(settings, size + encoder.size + 1, size)
     actor = DiffusionActor(
         action_dim=size,
-        score_network=make_body(settings, size + encoder.size + 1, size),
+        score_network=score_network,
         num_steps=settings.denoising_steps,
+        # at the last step nearly everything is noise, for any number of steps
         beta_end=min(0.999, 2.0 / settings.denoising_steps),
     ).to(device)
     loss = EncodedChunks(actor, encoder).to(device)
-    denoised_chunk = nn.Sequential(
-        OrderedDict(actor=actor, chunk=nn.Unflatten(-1, (settings.chunk, m)))
-    )
-    return chunk_learner(ChunkPolicy(encoder, denoised_chunk, settings).to(device), loss, settings)
+    as_chunk = nn.Unflatten(-1, (settings.chunk, m))
+    denoised_chunk = nn.Sequential(OrderedDict(actor=actor, chunk=as_chunk))
+    policy = ChunkPolicy(encoder, denoised_chunk, settings).to(device)
+    return chunk_learner(policy, loss, settings)

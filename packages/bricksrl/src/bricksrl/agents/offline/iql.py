@@ -48,7 +48,11 @@ PRESETS = {
     "iql": Presets(
         default=IQLSettings(),
         images=IQLSettings(**IMAGES_TARGETS),
-        paper=IQLSettings(**PAPER_TARGETS, expectile=0.5, temperature=1.0),
+        paper=IQLSettings(
+            **PAPER_TARGETS,
+            expectile=0.5,
+            temperature=1.0,
+        ),
     )
 }
 
@@ -63,36 +67,63 @@ class StateIndependentScale(nn.Module):
 
     def forward(self, out: Tensor) -> tuple[Tensor, Tensor]:
         mean = out.tanh()
-        return mean, self.log_scale.clamp(*LOG_SCALE).exp().expand_as(mean)
+        scale = self.log_scale.clamp(*LOG_SCALE).exp()
+        return mean, scale.expand_as(mean)
 
 
-def build(env: EnvBase, settings: IQLSettings, device: torch.device | str = "cpu") -> Learner:
+def build(
+    env: EnvBase,
+    settings: IQLSettings,
+    device: torch.device | str = "cpu",
+) -> Learner:
     """IQL for an environment. Initialized from torch's global generator."""
     m = action_size(env)
     encoder = make_encoder(env, settings)
-    kwargs = {"norm": settings.critic_norm}
+    actor_body = make_body(settings, encoder.size, m)
+    network = Actor(encoder, actor_body, StateIndependentScale(m))
     actor = ProbabilisticActor(
-        TensorDictModule(
-            Actor(encoder, make_body(settings, encoder.size, m), StateIndependentScale(m)),
-            in_keys=encoder_keys(encoder),
-            out_keys=["loc", "scale"],
-        ),
+        TensorDictModule(network, in_keys=encoder_keys(encoder), out_keys=["loc", "scale"]),
         in_keys=["loc", "scale"],
+        # not squashed, as in the authors' code: actions of a dataset may be at their limits, where
+        # the density of a squashed one is not finite
         distribution_class=IndependentNormal,
         spec=Composite(action=action_spec(env)),
     ).to(device)
+    critic_body = make_body(
+        settings,
+        encoder.size + m,
+        1,
+        norm=settings.critic_norm,
+    )
+    critic = critic_operator(encoder, critic_body).to(device)
+    value_body = make_body(
+        settings,
+        encoder.size,
+        1,
+        norm=settings.critic_norm,
+    )
+    value = value_operator(encoder, value_body).to(device)
     loss = IQLLoss(
         actor,
-        critic_operator(encoder, make_body(settings, encoder.size + m, 1, **kwargs)).to(device),
-        value_operator(encoder, make_body(settings, encoder.size, 1, **kwargs)).to(device),
+        critic,
+        value,
         loss_function="l2",
         temperature=settings.temperature,
         expectile=settings.expectile,
+        # a loop over the critics, which is faster than TorchRL's vmap for so few
         deactivate_vmap=True,
     ).to(device)
     loss.make_value_estimator(gamma=settings.gamma)
     # it passes on only what is under "next"
     loss.value_estimator.set_keys(steps_to_next_obs=("next", "steps_to_next_obs"))
+    # a normal reaches beyond -1..1; the loss must see it without this limit
     bounded = TensorDictModule(nn.Hardtanh(), in_keys=["action"], out_keys=["action"])
+    policy = TensorDictSequential(actor, bounded)
     target = SoftUpdate(loss, tau=settings.tau)
-    return off_policy_learner(env, settings, TensorDictSequential(actor, bounded), loss, target)
+    return off_policy_learner(
+        env,
+        settings,
+        policy,
+        loss,
+        target,
+    )

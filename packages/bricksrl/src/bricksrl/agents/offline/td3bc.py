@@ -44,17 +44,34 @@ PRESETS = {
 }
 
 
-def build(env: EnvBase, settings: TD3BCSettings, device: torch.device | str = "cpu") -> Learner:
+def build(
+    env: EnvBase,
+    settings: TD3BCSettings,
+    device: torch.device | str = "cpu",
+) -> Learner:
     """TD3+BC for an environment. Initialized from torch's global generator."""
     m = action_size(env)
     encoder = make_encoder(env, settings)
-    body = make_body(settings, encoder.size, m, norm=settings.actor_norm)
+    body = make_body(
+        settings,
+        encoder.size,
+        m,
+        norm=settings.actor_norm,
+    )
     actor, policy = deterministic_policy(
-        encoder, body, action_spec(env), noise=settings.exploration_noise
+        encoder,
+        body,
+        action_spec(env),
+        noise=settings.exploration_noise,
     )
-    critic = critic_operator(
-        encoder, make_body(settings, encoder.size + m, 1, norm=settings.critic_norm)
+    # TorchRL makes the second critic from this one, with weights of its own
+    critic_body = make_body(
+        settings,
+        encoder.size + m,
+        1,
+        norm=settings.critic_norm,
     )
+    critic = critic_operator(encoder, critic_body)
     loss = TD3BCLoss(
         actor.to(device),
         critic.to(device),
@@ -63,10 +80,16 @@ def build(env: EnvBase, settings: TD3BCSettings, device: torch.device | str = "c
         noise_clip=settings.target_noise_clip,
         alpha=settings.value_weight,
         loss_function="l2",
+        # a loop over the critics, which is faster than TorchRL's vmap for so few
         deactivate_vmap=True,
     ).to(device)
     loss.make_value_estimator(gamma=settings.gamma)
     target = SoftUpdate(loss, tau=settings.tau)
     return off_policy_learner(
-        env, settings, policy.to(device), loss, target, target_delay=settings.actor_delay
+        env,
+        settings,
+        policy.to(device),
+        loss,
+        target,
+        target_delay=settings.actor_delay,
     )

@@ -20,7 +20,12 @@ class MirrorRows(Transform):  # type: ignore[misc]
     """Mirrors each row of a batch with a probability of 1/2: on a symmetric robot a mirrored step
     is a step too. ``observation``: of the layout's vector, in physical units."""
 
-    def __init__(self, layout: ObservationLayout, observation: Mirror, action: Mirror) -> None:
+    def __init__(
+        self,
+        layout: ObservationLayout,
+        observation: Mirror,
+        action: Mirror,
+    ) -> None:
         super().__init__()
         self.key = layout.keys[0]
         self.observation = observation
@@ -49,7 +54,11 @@ class MirrorRows(Transform):  # type: ignore[misc]
 class ShiftImages(Transform):  # type: ignore[misc]
     """Shifts each of the images of a batch at random, by up to ``most_px`` in each direction."""
 
-    def __init__(self, images: Sequence[ImageShape], most_px: int) -> None:
+    def __init__(
+        self,
+        images: Sequence[ImageShape],
+        most_px: int,
+    ) -> None:
         super().__init__()
         self.images = images
         self.most_px = most_px
@@ -78,7 +87,9 @@ def augmentations(env: EnvBase, settings: OffPolicySettings) -> Iterator[Transfo
 
 
 def behind_transforms(
-    mirror: Mirror, names: Sequence[str], layout: ObservationLayout
+    mirror: Mirror,
+    names: Sequence[str],
+    layout: ObservationLayout,
 ) -> Mirror | None:
     """The mirror of entries with ``names`` for what transforms make of them: the n-th number of an
     entry changes places with the n-th of its image, as in frames that follow one another. ``None``
@@ -91,12 +102,15 @@ def behind_transforms(
     places = []
     signs = []
     for index, name in enumerate(layout.names):
+        # a transform may have made another vector, or numbers that are none of the task's
         if len(layout.keys) > 1 or name not in names:
             return None
         entry = names.index(name)
         nth = numbers[name].index(index)
-        images = numbers[names[mirror.places[entry]]]
+        image_name = names[mirror.places[entry]]
+        images = numbers[image_name]
         sign = mirror.signs[entry]
+        # a selection may have left the image out
         if nth >= len(images):
             return None
         # A number whose range is not known may be shifted, and the image of a shifted number is

@@ -76,16 +76,31 @@ class TransitionReplayBuffer(TensorDictReplayBuffer):  # type: ignore[misc]
     def empty_like(self, capacity: int) -> "TransitionReplayBuffer":
         """An empty buffer of the same kind for ``capacity`` transitions, not in a file."""
         kind = (capacity, self._rows, self._observed, False, self._sampled_to)
-        empty = type(self)(*kind, gamma=self._gamma, n_step=self._n_step, goals=self._goals)
+        empty = type(self)(
+            *kind,
+            gamma=self._gamma,
+            n_step=self._n_step,
+            goals=self._goals,
+        )
         empty._augment += self._augment
         return empty
 
-    def append_transform(self, transform: Transform, **_: Any) -> "TransitionReplayBuffer":
+    def append_transform(
+        self,
+        transform: Transform,
+        **_: Any,
+    ) -> "TransitionReplayBuffer":
         """Transform the batches that are sampled; transitions are stored as they are."""
         self._augment.append(transform)
         return self
 
-    def extend(self, frames: TensorDictBase, *, robot: int | None = 0, **_: Any) -> Tensor:
+    def extend(
+        self,
+        frames: TensorDictBase,
+        *,
+        robot: int | None = 0,
+        **_: Any,
+    ) -> Tensor:
         """Store transitions ``[time]`` or ``[copies, time]`` that continue the last ones of each
         copy of this robot, unless the link was lost; of no robot: without links. Returns indices.
         Raises DescriptionError if they do not fit."""
@@ -110,7 +125,12 @@ class TransitionReplayBuffer(TensorDictReplayBuffer):  # type: ignore[misc]
             self._link(places.view(-1, time), done.view(-1, time), robot)
         return index
 
-    def _link(self, indices: Tensor, done: Tensor, robot: int) -> None:
+    def _link(
+        self,
+        indices: Tensor,
+        done: Tensor,
+        robot: int,
+    ) -> None:
         """Link successive transitions, stored at ``indices`` ``[copies, time]``, to each other and
         to the robot's last ones."""
         last = self._last.get(robot)
@@ -140,7 +160,11 @@ class TransitionReplayBuffer(TensorDictReplayBuffer):  # type: ignore[misc]
             self._last.pop(ended, None)
 
     def sample(
-        self, batch_size: int | None = None, *, batches: int = 0, **_: Any
+        self,
+        batch_size: int | None = None,
+        *,
+        batches: int = 0,
+        **_: Any,
     ) -> TensorDictBase:
         """Uniformly drawn transitions, relabelled, summed over n steps, transformed; ``batches``
         equal ones, if given."""
@@ -154,7 +178,12 @@ class TransitionReplayBuffer(TensorDictReplayBuffer):  # type: ignore[misc]
             batch = transform(batch)
         return batch.to(self._sampled_to)
 
-    def _augmented(self, batch: TensorDictBase, index: Tensor, size: int) -> TensorDictBase:
+    def _augmented(
+        self,
+        batch: TensorDictBase,
+        index: Tensor,
+        size: int,
+    ) -> TensorDictBase:
         """Rows ``[batch]``, which may be several batches of ``size``, relabelled and summed over n
         steps."""
         chain = [index]
@@ -171,13 +200,22 @@ class TransitionReplayBuffer(TensorDictReplayBuffer):  # type: ignore[misc]
             rows = self._storage.get(existing)
         # before rewards are summed: all n of them are those of the new goal
         if self._goals is not None:
-            self._relabel(self._goals, rows, index, size)
+            self._relabel(
+                self._goals,
+                rows,
+                index,
+                size,
+            )
         if self._n_step == 1:
             return batch
         return self._summed(rows, torch.stack(known))
 
     def _relabel(
-        self, goals: GoalRelabelling, rows: TensorDictBase, index: Tensor, size: int
+        self,
+        goals: GoalRelabelling,
+        rows: TensorDictBase,
+        index: Tensor,
+        size: int,
     ) -> None:
         """Relabel shares of each batch in rows ``[n, batches * size]``."""
         count = len(index) // size
@@ -199,7 +237,12 @@ class TransitionReplayBuffer(TensorDictReplayBuffer):  # type: ignore[misc]
     def _observed_later(self, index: Tensor) -> Tensor:
         """For each index an observation up to `HORIZON` steps later, or its own outcome if the
         episode ends before."""
-        steps = torch.randint(1, HORIZON + 1, index.shape, device=index.device)
+        steps = torch.randint(
+            1,
+            HORIZON + 1,
+            index.shape,
+            device=index.device,
+        )
         later = index
         # all rows follow their links step by step; those that have gone far enough stay
         for step in range(1, HORIZON + 1):
@@ -208,7 +251,11 @@ class TransitionReplayBuffer(TensorDictReplayBuffer):  # type: ignore[misc]
         observed: Tensor = self._storage.get(later.flatten())["next", "observation"]
         return observed.view(*index.shape, -1)
 
-    def _summed(self, rows: TensorDictBase, known: Tensor) -> TensorDictBase:
+    def _summed(
+        self,
+        rows: TensorDictBase,
+        known: Tensor,
+    ) -> TensorDictBase:
         """Transitions over up to n steps, from rows ``[n, batch]`` with the mask ``known``."""
         terminated = rows["next", "terminated"].squeeze(-1)  # [n, batch]
         # A step counts if it and all before it are known and none before it has terminated; new
@@ -252,7 +299,9 @@ class TransitionReplayBuffer(TensorDictReplayBuffer):  # type: ignore[misc]
 
 
 def make_replay_buffer(
-    env: EnvBase, settings: OffPolicySettings, device: torch.device | str
+    env: EnvBase,
+    settings: OffPolicySettings,
+    device: torch.device | str,
 ) -> TransitionReplayBuffer:
     """The replay buffer of the settings for an environment."""
     layout = layout_of(env)

@@ -24,34 +24,60 @@ class GoalRelabelling:
     hindsight: float
     new_goals: float
 
-    def draw(self, *batch: int, device: torch.device) -> Tensor:
+    def draw(
+        self,
+        *batch: int,
+        device: torch.device,
+    ) -> Tensor:
         """Uniformly random goals ``[*batch, g]``."""
-        ends = (self.layout.low, self.layout.high)
-        low, high = (
-            torch.tensor([end[goal] for goal, _ in self.layout.goals], device=device)
-            for end in ends
-        )
-        return low + torch.rand(*batch, len(low), device=device) * (high - low)
+        goals = [goal for goal, _ in self.layout.goals]
+        low = torch.tensor([self.layout.low[goal] for goal in goals], device=device)
+        high = torch.tensor([self.layout.high[goal] for goal in goals], device=device)
+        shares = torch.rand(*batch, len(goals), device=device)
+        return low + shares * (high - low)
 
-    def relabel(self, rows: TensorDictBase, goals: Tensor) -> None:
+    def relabel(
+        self,
+        rows: TensorDictBase,
+        goals: Tensor,
+    ) -> None:
         """Write goals ``[*batch, g]`` into rows ``[n, *batch]`` and update their rewards and
         ends."""
         goal_index = [goal for goal, _ in self.layout.goals]
         after = rows["next"]
-        for observation in (rows["observation"], after["observation"]):
+        before_observed = rows["observation"]
+        after_observed = after["observation"]
+        for observation in (before_observed, after_observed):
             observation[..., goal_index] = goals
-        after["reward"].copy_(
-            self.task.reward(rows["observation"], rows["action"], after["observation"])
-        )
-        after["terminated"].copy_(self.task.terminated(after["observation"]))
+        # pure functions of what was observed: motion does not depend on the goal, and another goal
+        # makes of the same steps another experience
+        reward = self.task.reward(before_observed, rows["action"], after_observed)
+        after["reward"].copy_(reward)
+        after["terminated"].copy_(self.task.terminated(after_observed))
 
 
-def relabelling(env: EnvBase, hindsight: float, new_goals: float) -> GoalRelabelling | None:
+def relabelling(
+    env: EnvBase,
+    hindsight: float,
+    new_goals: float,
+) -> GoalRelabelling | None:
     """Relabelling of shares of a batch; ``None`` if there is none, if not all goals can be reached,
     and behind transforms of observation or reward, which the task's functions know nothing of."""
     task = interface_of(env).task
     layout = layout_of(env)
-    if task is None or not hindsight + new_goals or not layout.goals or not changes_nothing(env):
+    if task is None or not layout.goals:
         return None
-    is_whole = len(layout.goals) == sum(name.endswith("_goal") for name in layout.names)
-    return GoalRelabelling(task, layout, hindsight, new_goals) if is_whole else None
+    is_wanted = hindsight + new_goals > 0
+    if not is_wanted or not changes_nothing(env):
+        return None
+    # `layout.goals` has those whose current value is observed too: one that is not can never be
+    # said to have been reached
+    goal_names = [name for name in layout.names if name.endswith("_goal")]
+    if len(layout.goals) != len(goal_names):
+        return None
+    return GoalRelabelling(
+        task,
+        layout,
+        hindsight,
+        new_goals,
+    )

@@ -37,9 +37,9 @@ NEAR = 0.2
 """Standard deviation of the latter, as a share of half the range; of an angle that wraps, in
 radians."""
 REACH = 0.3
+"""Lengths of what is peculiar to a later world, as a share of those that all worlds share."""
 LEVEL = 0.5
-"""Of what is peculiar to a later world: its lengths as a share of those that all worlds share; its
-level, of the amplitude."""
+"""Level of a later world, as a share of the amplitude."""
 
 
 @dataclass(frozen=True)
@@ -92,16 +92,32 @@ class Posterior:
     SPREAD = 0.5
     """Standard deviation of their logarithms."""
 
-    def __init__(self, points: Tensor, scores: Tensor, worlds: Tensor) -> None:
+    def __init__(
+        self,
+        points: Tensor,
+        scores: Tensor,
+        worlds: Tensor,
+    ) -> None:
+        # in double precision: points close together make a matrix that is nearly singular
         scores = scores.double()
         self.points = points
         self.worlds = worlds
         self.mean = scores.mean()
-        self.unit = scores.std().clamp_min(1e-6) if len(scores) > 1 else torch.ones_like(self.mean)
+        # one score has no deviation, and equal ones have none
+        if len(scores) > 1:
+            self.unit = scores.std().clamp_min(1e-6)
+        else:
+            self.unit = torch.ones_like(self.mean)
         self._values = (scores - self.mean) / self.unit
+        self._fit_scales()
+
+    def _fit_scales(self) -> None:
+        """Find the scales that are most probable given the scores."""
         length, *others = self.MEDIAN
         # one length for each number, then what all share: [p + 3]
-        median = torch.tensor([length] * points.shape[1] + others).double().log()
+        medians = torch.tensor([length] * self.points.shape[1] + others)
+        # logarithms: the optimiser then needs no limits to keep the scales positive
+        median = medians.double().log()
         self.scales = median.clone().requires_grad_()
         optimizer = torch.optim.LBFGS([self.scales], max_iter=30, line_search_fn="strong_wolfe")
 
@@ -122,7 +138,13 @@ class Posterior:
         with torch.no_grad():
             self._factorise()
 
-    def _kernel(self, a: Tensor, b: Tensor, a_world: Tensor, b_world: Tensor) -> Tensor:
+    def _kernel(
+        self,
+        a: Tensor,
+        b: Tensor,
+        a_world: Tensor,
+        b_world: Tensor,
+    ) -> Tensor:
         """Covariance of points in their worlds."""
         *_, peculiar, amplitude, _ = self.scales.exp()
         lengths = self.scales[:-3].exp()[:, None]
@@ -139,10 +161,18 @@ class Posterior:
         return covariance
 
     def _factorise(self) -> None:
+        # a trial that is repeated makes equal rows, which only some noise keeps apart
         noise = (2 * self.scales[-1]).exp() + 1e-8
-        kernel = self._kernel(self.points, self.points, self.worlds, self.worlds)
-        self._root = torch.linalg.cholesky(kernel + noise * torch.eye(len(kernel)))
-        self._weights = torch.cholesky_solve(self._values[:, None], self._root)[:, 0]
+        kernel = self._kernel(
+            self.points,
+            self.points,
+            self.worlds,
+            self.worlds,
+        )
+        noisy_kernel = kernel + noise * torch.eye(len(kernel))
+        self._root = torch.linalg.cholesky(noisy_kernel)
+        weights = torch.cholesky_solve(self._values[:, None], self._root)  # [k, 1]
+        self._weights = weights[:, 0]
 
     @property
     def noise(self) -> Tensor:
@@ -155,26 +185,52 @@ class Posterior:
         """Mean and standard deviation ``[c]`` of the score in the present world at points ``[c, p,
         2]``, without noise."""
         here = self.worlds[-1:]
-        kernel = self._kernel(points, self.points, here, self.worlds)
+        kernel = self._kernel(
+            points,
+            self.points,
+            here,
+            self.worlds,
+        )
         half = torch.linalg.solve_triangular(self._root, kernel.T, upper=False)
         known = half.square().sum(0)
         # all points have the same variance beforehand, so that the first stands for them
-        beforehand = self._kernel(points[:1], points[:1], here, here)
-        deviation = (beforehand - known).clamp_min(1e-12).sqrt()[0]
-        return self.mean + self.unit * (kernel @ self._weights), self.unit * deviation
+        beforehand = self._kernel(
+            points[:1],
+            points[:1],
+            here,
+            here,
+        )  # [1, 1]
+        # rounded, the difference may fall below 0 at a point that was tried
+        variance = (beforehand - known).clamp_min(1e-12)
+        deviation = variance.sqrt()[0]
+        mean = kernel @ self._weights
+        return self.mean + self.unit * mean, self.unit * deviation
 
     @torch.no_grad()
-    def gain(self, point: Tensor, other: Tensor) -> tuple[float, float]:
+    def gain(
+        self,
+        point: Tensor,
+        other: Tensor,
+    ) -> tuple[float, float]:
         """Mean and standard deviation of the score of ``point`` ``[p, 2]`` less that of the
         ``other``."""
         both = torch.stack((point, other))
         here = self.worlds[-1:]
-        kernel = self._kernel(both, self.points, here, self.worlds)
+        kernel = self._kernel(
+            both,
+            self.points,
+            here,
+            self.worlds,
+        )
         half = torch.linalg.solve_triangular(self._root, kernel.T, upper=False)
-        covariance = self._kernel(both, both, here, here) - half.T @ half
+        # of both together: near each other they rise and fall as one, and the difference is known
+        # better than either
+        covariance = self._kernel(both, both, here, here) - half.T @ half  # [2, 2]
         sign = torch.tensor([1.0, -1.0]).double()
-        deviation = (sign @ covariance @ sign).clamp_min(0).sqrt()
-        return float(self.unit * (sign @ kernel @ self._weights)), float(self.unit * deviation)
+        variance = sign @ covariance @ sign
+        deviation = variance.clamp_min(0).sqrt()
+        mean = sign @ kernel @ self._weights
+        return float(self.unit * mean), float(self.unit * deviation)
 
 
 @dataclass(kw_only=True)
@@ -209,10 +265,16 @@ class PolicySearch(Learner):
         self.worlds = self.start[:0, 0].long()
         self.actor.trial.copy_(self.start[0])
 
-    def remember(self, frames: TensorDictBase, robot: int = 0) -> None:
+    def remember(
+        self,
+        frames: TensorDictBase,
+        robot: int = 0,
+    ) -> None:
         """Add frames ``[time]`` or ``[copies, time]`` to the trial; the reward is the mean over the
         copies."""
-        if (lost := lost_links(frames)) is not None and bool(lost.any()):
+        # a trial with a gap has no score: nobody knows what the robot did meanwhile
+        lost = lost_links(frames)
+        if lost is not None and bool(lost.any()):
             self.end_episodes()
             return
         for frame in frames.unbind(-1):
@@ -286,14 +348,22 @@ class PolicySearch(Learner):
         best, _ = posterior.at(embedded(self.actor.best[None], entries))
         return {"trial_reward": self.scores[-1], "best_reward": best[0], "noise": posterior.noise}
 
-    def _candidates(self, entries: tuple[Entry, ...], near: Tensor) -> Tensor:
+    def _candidates(
+        self,
+        entries: tuple[Entry, ...],
+        near: Tensor,
+    ) -> Tensor:
         """Numbers ``[2 CANDIDATES, p]``, anywhere and near some."""
         low, high = bounds(entries)
-        anywhere = low + torch.rand(CANDIDATES, len(entries)) * (high - low)
-        nearby = near + torch.randn(CANDIDATES, len(entries)) * NEAR * (high - low)
+        span = high - low
+        shares = torch.rand(CANDIDATES, len(entries))
+        anywhere = low + shares * span
+        # among those drawn anywhere hardly one is near enough to improve on the best known
+        steps = torch.randn(CANDIDATES, len(entries))
+        nearby = near + steps * NEAR * span
         # beyond its end an angle begins anew, and any other number stops
         wraps = torch.tensor([entry.wraps for entry in entries])
-        wrapped = low + torch.remainder(nearby - low, high - low)
+        wrapped = low + torch.remainder(nearby - low, span)
         nearby = torch.where(wraps, wrapped, nearby.clamp(low, high))
         return torch.cat((anywhere, nearby))
 
@@ -335,7 +405,7 @@ def embedded(numbers: Tensor, entries: tuple[Entry, ...]) -> Tensor:
     """Numbers ``[c, p]`` as points ``[c, p, 2]``, float64: an angle that wraps on the unit circle,
     others in -1..1."""
     low, high = bounds(entries)
-    share = (2 * (numbers - low) / (high - low) - 1).double()
+    share = (2 * (numbers - low) / (high - low) - 1).double()  # [c, p], -1..1
     wraps = torch.tensor([entry.wraps for entry in entries])
     angle = math.pi * share
     circle = torch.stack((angle.cos(), angle.sin()), -1)
@@ -344,11 +414,16 @@ def embedded(numbers: Tensor, entries: tuple[Entry, ...]) -> Tensor:
     return torch.where(wraps[:, None], circle, line)
 
 
-def build(env: EnvBase, settings: GaitSettings, device: torch.device | str = "cpu") -> PolicySearch:
+def build(
+    env: EnvBase,
+    settings: GaitSettings,
+    device: torch.device | str = "cpu",
+) -> PolicySearch:
     """Policy search for an environment. The first trials are drawn from torch's global
     generator."""
     structure = make_structure(env, settings.structure)
     low, high = bounds(structure.numbers)
+    # of torch's generator, as all that a run draws: one seed decides it
     seed = int(torch.randint(2**31, ()))
     # Sobol's points fill the range more evenly than independent draws, which counts for so few
     sequence = torch.quasirandom.SobolEngine(len(low), scramble=True, seed=seed)
@@ -357,14 +432,20 @@ def build(env: EnvBase, settings: GaitSettings, device: torch.device | str = "cp
     policy = TensorDictModule(actor, in_keys=["observation"], out_keys=["action"])
     places = layout_of(env).places
     task = interface_of(env).task
-    if task is not None and settings.trial_steps > task.max_steps // steps_of(env):
-        steps = counted(task.max_steps // steps_of(env), "step")
-        raise DescriptionError(
-            f"no trial of {settings.trial_steps} steps ends in an episode of {steps}; give fewer "
-            "trial_steps"
-        )
+    if task is not None:
+        # an environment that repeats actions makes several steps of the task in one
+        episode_steps = task.max_steps // steps_of(env)
+        if settings.trial_steps > episode_steps:
+            steps = counted(episode_steps, "step")
+            raise DescriptionError(
+                f"no trial of {settings.trial_steps} steps ends in an episode of {steps}; give "
+                "fewer trial_steps"
+            )
     tilts = [places[name] for name in ("pitch", "roll") if name in places]
-    succeeds = never if task is None or not keeps_vectors(env) else task.success
+    # the task's function reads the task's numbers, which a transform may have changed
+    succeeds: Callable[[Tensor], Tensor] = never
+    if task is not None and keeps_vectors(env):
+        succeeds = task.success
     return PolicySearch(
         policy=policy,
         on_policy=True,

@@ -107,7 +107,12 @@ def make_arena(
             f"{task.id} with its hubs runs on the CPU; omit device, or give a batch_size"
         )
     else:
-        arena = ArenaEnv(task, seed=seed, physics=physics, realtime=realtime)
+        arena = ArenaEnv(
+            task,
+            seed=seed,
+            physics=physics,
+            realtime=realtime,
+        )
     arena.remake = functools.partial(
         make_arena,
         env,

@@ -89,10 +89,23 @@ class GroupedEnv(BricksEnv, EnvBase):  # type: ignore[misc]
             shape=copies,
             device=device,
         )
-        self.action_spec = Composite(**actions, shape=copies, device=device)
-        self.reward_spec = Composite(**rewards, shape=copies, device=device)
+        self.action_spec = Composite(
+            **actions,
+            shape=copies,
+            device=device,
+        )
+        self.reward_spec = Composite(
+            **rewards,
+            shape=copies,
+            device=device,
+        )
         self.done_spec = end_specs(copies, device)
-        self._step_count = torch.zeros(*copies, 1, dtype=torch.int64, device=device)
+        self._step_count = torch.zeros(
+            *copies,
+            1,
+            dtype=torch.int64,
+            device=device,
+        )
 
     def _actions(self, tensordict: TensorDictBase) -> Tensor:
         """Actions ``[*batch, robots, 2]`` in the arena's order, `clamped`."""
@@ -106,7 +119,11 @@ class GroupedEnv(BricksEnv, EnvBase):  # type: ignore[misc]
                 parts[index] = action
         return torch.stack(parts, -2)
 
-    def _outcome(self, before: ArenaState, state: ArenaState) -> TensorDictBase:
+    def _outcome(
+        self,
+        before: ArenaState,
+        state: ArenaState,
+    ) -> TensorDictBase:
         """Output of a step between two states."""
         self._step_count += 1
         return self._frame(state, self.task.reward(before, state), self.task.terminated(state))
@@ -125,7 +142,12 @@ class GroupedEnv(BricksEnv, EnvBase):  # type: ignore[misc]
         task = self.task
         batch = self.batch_size
         robots = len(task.robots)
-        observation = self._checked("observe", task.observe(state), robots, len(task.entries))
+        observation = self._checked(
+            "observe",
+            task.observe(state),
+            robots,
+            len(task.entries),
+        )
         success = self._checked("success", task.success(state), 1)
         lost = torch.full((*batch, 1), is_lost, device=self.device)
         per_robot = {"observation": observation}
@@ -146,7 +168,12 @@ class GroupedEnv(BricksEnv, EnvBase):  # type: ignore[misc]
             groups[group] = TensorDict(values, (*batch, len(names)))
         return TensorDict({**flags, **groups}, batch, device=self.device)
 
-    def _checked(self, name: str, value: Any, *shape: int) -> Tensor:
+    def _checked(
+        self,
+        name: str,
+        value: Any,
+        *shape: int,
+    ) -> Tensor:
         """What a function of the task returns: flags ``[*batch, 1]``, or numbers of each robot
         ``[*batch, robots, n]``."""
         dtype = torch.bool if len(shape) == 1 else torch.float32
@@ -242,7 +269,11 @@ class ArenaEnv(GroupedEnv):
         assert self.world is not None  # noqa: S101  making it makes the hubs
         return self._hubs[self.task.robots.index(robot)]
 
-    def _reset(self, _tensordict: TensorDictBase | None = None, **_kwargs: Any) -> TensorDictBase:
+    def _reset(
+        self,
+        _tensordict: TensorDictBase | None = None,
+        **_kwargs: Any,
+    ) -> TensorDictBase:
         return self._frame(self.reconnect.until_answered(self._begin))
 
     def _begin(self) -> ArenaState:
@@ -279,7 +310,12 @@ class ArenaEnv(GroupedEnv):
             self._close_links()
             no_reward = torch.zeros(len(self._links), 1)
             not_terminated = torch.zeros(1, dtype=torch.bool)
-            return self._frame(before, no_reward, not_terminated, is_lost=True)
+            return self._frame(
+                before,
+                no_reward,
+                not_terminated,
+                is_lost=True,
+            )
         except StoppedError:
             self._close_links()
             raise
@@ -359,11 +395,26 @@ class ArenaSimulation(GroupedEnv):
         self._rng = torch.Generator(device=self.device)
         self._set_seed(seed)
         robots = len(task.robots)
-        poses = torch.zeros(copies, robots, 3, device=device)
-        moved = torch.zeros(copies, robots, 2, device=device)
+        poses = torch.zeros(
+            copies,
+            robots,
+            3,
+            device=device,
+        )
+        moved = torch.zeros(
+            copies,
+            robots,
+            2,
+            device=device,
+        )
         self._state = ArenaState(poses, moved)
         self._lag = torch.zeros(copies, 1, 1, device=device)
-        self._last_command = torch.zeros(copies, robots, 2, device=device)
+        self._last_command = torch.zeros(
+            copies,
+            robots,
+            2,
+            device=device,
+        )
 
     def _set_seed(self, seed: int | None) -> None:
         self._seed = seed
@@ -391,7 +442,11 @@ class ArenaSimulation(GroupedEnv):
                 return poses
         raise self.task.arena.too_narrow()
 
-    def _reset(self, tensordict: TensorDictBase | None = None, **_kwargs: Any) -> TensorDictBase:
+    def _reset(
+        self,
+        tensordict: TensorDictBase | None = None,
+        **_kwargs: Any,
+    ) -> TensorDictBase:
         mask = None if tensordict is None else tensordict.get("_reset", None)
         if mask is None:
             is_reset = torch.ones(self.batch_size, dtype=torch.bool, device=self.device)

@@ -151,7 +151,11 @@ _ARGUMENTS = {
 """Arguments of the functions of a task."""
 
 
-def seen_from(poses: Tensor, viewer: int, seen: int) -> Tensor:
+def seen_from(
+    poses: Tensor,
+    viewer: int,
+    seen: int,
+) -> Tensor:
     """Pose of a thing in a robot's frame, ``[*batch, 4]``: metres ahead and to the left, cosine and
     sine of the difference of their headings."""
     x, y, heading = poses[..., viewer, :].unbind(-1)
@@ -172,7 +176,11 @@ def own_pose(poses: Tensor, robot: int) -> Tensor:
     return torch.stack((x, y, heading.cos(), heading.sin()), -1)
 
 
-def steer_towards(ahead: Tensor, left: Tensor, speed: float = 1.0) -> Tensor:
+def steer_towards(
+    ahead: Tensor,
+    left: Tensor,
+    speed: float = 1.0,
+) -> Tensor:
     """Action ``[*batch, 2]`` that turns a robot on two wheels towards a direction in its frame, and
     drives on as far as it faces it."""
     angle = torch.atan2(left, ahead)

@@ -75,12 +75,36 @@ ENTRIES = (
     Entry("y", -2.0, 2.0, "m", limits=_PLACE_M),
     Entry("heading_cos", -1.0, 1.0),
     Entry("heading_sin", -1.0, 1.0),
-    Entry("beam_ahead", -2.0, 2.0, "m", limits=_APART_M),
-    Entry("beam_left", -2.0, 2.0, "m", limits=_APART_M),
+    Entry(
+        "beam_ahead",
+        -2.0,
+        2.0,
+        "m",
+        limits=_APART_M,
+    ),
+    Entry(
+        "beam_left",
+        -2.0,
+        2.0,
+        "m",
+        limits=_APART_M,
+    ),
     Entry("beam_cos", -1.0, 1.0),
     Entry("beam_sin", -1.0, 1.0),
-    Entry("mate_ahead", -2.0, 2.0, "m", limits=_APART_M),
-    Entry("mate_left", -2.0, 2.0, "m", limits=_APART_M),
+    Entry(
+        "mate_ahead",
+        -2.0,
+        2.0,
+        "m",
+        limits=_APART_M,
+    ),
+    Entry(
+        "mate_left",
+        -2.0,
+        2.0,
+        "m",
+        limits=_APART_M,
+    ),
     Entry("left_moved", -2.0, 2.0),
     Entry("right_moved", -2.0, 2.0),
 )
@@ -145,7 +169,11 @@ def push(observation: Tensor) -> Tensor:
     return steered * speed.unsqueeze(-1)
 
 
-def _robot(name: str, y_m: float, color: tuple[float, float, float]) -> Contestant:
+def _robot(
+    name: str,
+    y_m: float,
+    color: tuple[float, float, float],
+) -> Contestant:
     place = Place((-0.08, -0.02), (y_m - 0.03, y_m + 0.03), (-8.0, 8.0))
     return Contestant(name, TWO_WHEELER, place, color)
 
@@ -153,8 +181,18 @@ def _robot(name: str, y_m: float, color: tuple[float, float, float]) -> Contesta
 _SPEED_DEG_S = 700
 _INTERFACE = Interface(
     commands=(
-        RunAngle("left", -_TRAVEL_DEG, _TRAVEL_DEG, _SPEED_DEG_S),
-        RunAngle("right", -_TRAVEL_DEG, _TRAVEL_DEG, _SPEED_DEG_S),
+        RunAngle(
+            "left",
+            -_TRAVEL_DEG,
+            _TRAVEL_DEG,
+            _SPEED_DEG_S,
+        ),
+        RunAngle(
+            "right",
+            -_TRAVEL_DEG,
+            _TRAVEL_DEG,
+            _SPEED_DEG_S,
+        ),
     ),
     channels=(MotorAngle("left"), MotorAngle("right")),
     settle=Wait(STEP_MS),

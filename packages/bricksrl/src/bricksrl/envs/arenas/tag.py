@@ -80,8 +80,18 @@ ENTRIES = (
     Entry("y", -HALF_M, HALF_M, "m"),
     Entry("heading_cos", -1.0, 1.0),
     Entry("heading_sin", -1.0, 1.0),
-    Entry("other_ahead", -_FARTHEST_M, _FARTHEST_M, "m"),
-    Entry("other_left", -_FARTHEST_M, _FARTHEST_M, "m"),
+    Entry(
+        "other_ahead",
+        -_FARTHEST_M,
+        _FARTHEST_M,
+        "m",
+    ),
+    Entry(
+        "other_left",
+        -_FARTHEST_M,
+        _FARTHEST_M,
+        "m",
+    ),
     Entry("other_cos", -1.0, 1.0),
     Entry("other_sin", -1.0, 1.0),
     Entry("left_moved", -2.0, 2.0),
@@ -104,7 +114,11 @@ def observe(state: ArenaState) -> Tensor:
     return torch.stack(views, -2)
 
 
-def _view(state: ArenaState, robot: int, other: int) -> Tensor:
+def _view(
+    state: ArenaState,
+    robot: int,
+    other: int,
+) -> Tensor:
     """What a robot observes, ``[*batch, 10]``."""
     parts = (
         own_pose(state.poses, robot),
@@ -181,8 +195,18 @@ def chase(observation: Tensor) -> Tensor:
 def _interface(travel_deg: float) -> Interface:
     return Interface(
         commands=(
-            RunAngle("left", -travel_deg, travel_deg, _SPEED_DEG_S),
-            RunAngle("right", -travel_deg, travel_deg, _SPEED_DEG_S),
+            RunAngle(
+                "left",
+                -travel_deg,
+                travel_deg,
+                _SPEED_DEG_S,
+            ),
+            RunAngle(
+                "right",
+                -travel_deg,
+                travel_deg,
+                _SPEED_DEG_S,
+            ),
         ),
         channels=(MotorAngle("left"), MotorAngle("right")),
         settle=Wait(STEP_MS),
@@ -196,8 +220,18 @@ TAG = ArenaTask(
     doc=__doc__,
     arena=Arena(
         robots=(
-            Contestant("catcher", TWO_WHEELER, _ANYWHERE, (0.85, 0.15, 0.1)),
-            Contestant("runner", TWO_WHEELER, _ANYWHERE, (0.1, 0.3, 0.85)),
+            Contestant(
+                "catcher",
+                TWO_WHEELER,
+                _ANYWHERE,
+                (0.85, 0.15, 0.1),
+            ),
+            Contestant(
+                "runner",
+                TWO_WHEELER,
+                _ANYWHERE,
+                (0.1, 0.3, 0.85),
+            ),
         ),
         half_size_m=(HALF_M, HALF_M),
         gap_m=0.6,

@@ -28,7 +28,11 @@ def serial_numbers(port: str, baud: int = 115_200) -> Callable[[], Device]:
 
 
 class _SerialNumbers:
-    def __init__(self, port: str, baud: int) -> None:
+    def __init__(
+        self,
+        port: str,
+        baud: int,
+    ) -> None:
         import serial
 
         self._port = serial.serial_for_url(port, baud, timeout=_SILENCE_S)
@@ -70,11 +74,22 @@ def second_camera(view: CameraView) -> HostSensor:
         device = world.kept.setdefault(view.name, camera)
         return device.read()
 
-    return HostSensor(view.name, (), opened, in_twin, rate_hz=_FRAMES_HZ, image_px=view.image_px)
+    return HostSensor(
+        view.name,
+        (),
+        opened,
+        in_twin,
+        rate_hz=_FRAMES_HZ,
+        image_px=view.image_px,
+    )
 
 
 class _Images:
-    def __init__(self, camera: Camera, image_px: int) -> None:
+    def __init__(
+        self,
+        camera: Camera,
+        image_px: int,
+    ) -> None:
         self._camera = camera
         self._px = image_px
 

@@ -112,7 +112,14 @@ class HostSensor:
             limits = entry.limits or (-math.inf, math.inf)
             entries.append(replace(entry, limits=limits))
         if self.observes_age:
-            entries.append(Entry(f"{self.name}_age", 0.0, self.patience_s, "s"))
+            entries.append(
+                Entry(
+                    f"{self.name}_age",
+                    0.0,
+                    self.patience_s,
+                    "s",
+                )
+            )
         return tuple(entries)
 
     def checked(self, reading: Any) -> Any:
@@ -143,7 +150,12 @@ class HostSensor:
 class TwinReader:
     """Reads a sensor of a virtual robot."""
 
-    def __init__(self, sensor: HostSensor, twin: Callable[[World], Any], world: World) -> None:
+    def __init__(
+        self,
+        sensor: HostSensor,
+        twin: Callable[[World], Any],
+        world: World,
+    ) -> None:
         self.sensor = sensor
         self._twin = twin
         self._world = world

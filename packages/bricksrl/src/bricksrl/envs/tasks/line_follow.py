@@ -98,7 +98,11 @@ def _off_pct(observation: Tensor) -> Tensor:
     return (observation[..., :1] - EDGE_PCT).abs()
 
 
-def reward(_previous: Tensor, action: Tensor, observation: Tensor) -> Tensor:
+def reward(
+    _previous: Tensor,
+    action: Tensor,
+    observation: Tensor,
+) -> Tensor:
     """Nearness to the edge times a share of the speed, or the turn towards it where it is lost;
     ``[*batch, 1]``."""
     speed = action[..., :1]
@@ -137,7 +141,16 @@ LINE_FOLLOW = Task(
     robot=SCOUT,
     interface=Interface(
         commands=(DriveSpeed(40, 100), DriveTurnRate(-45, 45)),
-        channels=(SensorReading("light", "reflection", 0, 100, "%"), YawRate()),
+        channels=(
+            SensorReading(
+                "light",
+                "reflection",
+                0,
+                100,
+                "%",
+            ),
+            YawRate(),
+        ),
         settle=Wait(60),
     ),
     streams=True,

@@ -127,7 +127,11 @@ def cost(observation: Tensor) -> Tensor:
     return distance_mm / _UNIT_MM + turns_deg / _UNIT_DEG
 
 
-def reward(previous: Tensor, _action: Tensor, observation: Tensor) -> Tensor:
+def reward(
+    previous: Tensor,
+    _action: Tensor,
+    observation: Tensor,
+) -> Tensor:
     """Decrease of the cost by the step, less a cost of time; ``[*batch, 1]``."""
     return _GAIN * (cost(previous) - cost(observation)) - _TIME_COST
 

@@ -66,10 +66,20 @@ def _channel(name: str) -> MotorAngle:
 _CHANNELS = tuple(_channel(motor.name) for motor in ROBO_ARM.motors)
 _COMMANDS = tuple(RunAngle(name, -turn, turn, speed_deg_s=250) for name, turn in _TURNS_DEG.items())
 
-INTERFACE = Interface(commands=_COMMANDS, channels=_CHANNELS, settle=Wait(250))
+INTERFACE = Interface(
+    commands=_COMMANDS,
+    channels=_CHANNELS,
+    settle=Wait(250),
+)
 
 _GOALS = tuple(
-    SampledEntry(f"{channel.motor}_goal", channel.low, channel.high, "deg", wraps=channel.wraps)
+    SampledEntry(
+        f"{channel.motor}_goal",
+        channel.low,
+        channel.high,
+        "deg",
+        wraps=channel.wraps,
+    )
     for channel in _CHANNELS
 )
 
@@ -81,7 +91,12 @@ def error_deg(observation: Tensor) -> Tensor:
     return shortest_angle_deg(joints, goals).sum(-1, keepdim=True)
 
 
-def robo_arm(env_id: str, *, sparse: bool = False, threshold_deg: float = THRESHOLD_DEG) -> Task:
+def robo_arm(
+    env_id: str,
+    *,
+    sparse: bool = False,
+    threshold_deg: float = THRESHOLD_DEG,
+) -> Task:
     """The task with its options.
 
     Args:
@@ -100,7 +115,11 @@ def robo_arm(env_id: str, *, sparse: bool = False, threshold_deg: float = THRESH
     def terminated(observation: Tensor) -> Tensor:
         return error_deg(observation) < threshold_deg
 
-    def reward(_previous: Tensor, _action: Tensor, observation: Tensor) -> Tensor:
+    def reward(
+        _previous: Tensor,
+        _action: Tensor,
+        observation: Tensor,
+    ) -> Tensor:
         if sparse:
             return terminated(observation).to(observation.dtype)
         return -error_deg(observation) / 100.0

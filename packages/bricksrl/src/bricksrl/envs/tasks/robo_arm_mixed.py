@@ -136,7 +136,11 @@ def robo_arm_mixed(
         nearest_px = observation[..., -1:]
         return nearest_px <= REACHED_PX
 
-    def reward(_previous: Tensor, _action: Tensor, observation: Tensor) -> Tensor:
+    def reward(
+        _previous: Tensor,
+        _action: Tensor,
+        observation: Tensor,
+    ) -> Tensor:
         if sparse:
             return terminated(observation).to(observation.dtype)
         mean_px = observation[..., -2:-1]
@@ -160,5 +164,11 @@ def robo_arm_mixed(
         metrics=metrics,
         terminated=terminated,
         scene=Scene(ball=True),
-        camera=CameraView("webcam", camera, _WIDTH_PX, _HEIGHT_PX, goal=goal),
+        camera=CameraView(
+            "webcam",
+            camera,
+            _WIDTH_PX,
+            _HEIGHT_PX,
+            goal=goal,
+        ),
     )

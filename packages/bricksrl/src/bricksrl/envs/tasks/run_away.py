@@ -96,7 +96,11 @@ def run_away(*, ends_at_wall: bool = True) -> Task:
     """
     check_value("ends_at_wall", ends_at_wall, bool)
 
-    def reward(previous: Tensor, _action: Tensor, observation: Tensor) -> Tensor:
+    def reward(
+        previous: Tensor,
+        _action: Tensor,
+        observation: Tensor,
+    ) -> Tensor:
         distance_mm = observation[..., _DISTANCE]
         sign = (distance_mm - previous[..., _DISTANCE]).sign()
         return sign.masked_fill(distance_mm <= NEAR_MM, 0.0) if ends_at_wall else sign

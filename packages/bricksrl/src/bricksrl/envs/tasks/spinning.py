@@ -54,7 +54,11 @@ _YAW_RATE = slice(4, 5)
 _DIRECTION = slice(5, 6)
 
 
-def reward(_previous: Tensor, _action: Tensor, observation: Tensor) -> Tensor:
+def reward(
+    _previous: Tensor,
+    _action: Tensor,
+    observation: Tensor,
+) -> Tensor:
     """The yaw rate in the commanded direction in deg/s; ``[*batch, 1]``."""
     return _rate_in_direction(observation)
 

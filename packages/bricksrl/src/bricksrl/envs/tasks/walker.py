@@ -95,7 +95,11 @@ def gait_reward(observation: Tensor) -> Tensor:
     return (apart - together) / 180.0 - 2.0
 
 
-def reward(_previous: Tensor, action: Tensor, observation: Tensor) -> Tensor:
+def reward(
+    _previous: Tensor,
+    action: Tensor,
+    observation: Tensor,
+) -> Tensor:
     """Reward for large steps in a trot; ``[*batch, 1]``."""
     return gait_reward(observation) - action.sum(-1, keepdim=True) / 40.0
 

@@ -65,7 +65,12 @@ benchmarks ablation`)."""
 
 
 def forward_task(
-    env_id: str, doc: str, interface: Interface, max_steps: int, unit_mm: float, **more: Any
+    env_id: str,
+    doc: str,
+    interface: Interface,
+    max_steps: int,
+    unit_mm: float,
+    **more: Any,
 ) -> Task:
     """A task with the distance forward behind the channels, which is its reward in ``unit_mm``.
     ``more``: further fields."""
@@ -91,7 +96,15 @@ def forward_task(
         terminated=terminated,
         walks=True,
         symmetric=True,
-        measured_entries=(Entry("forward", -100.0, 100.0, "mm", limits=(-32767.0, 32767.0)),),
+        measured_entries=(
+            Entry(
+                "forward",
+                -100.0,
+                100.0,
+                "mm",
+                limits=(-32767.0, 32767.0),
+            ),
+        ),
         **more,
     )
 

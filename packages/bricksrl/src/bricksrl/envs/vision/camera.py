@@ -125,7 +125,11 @@ class TwinCamera:
     """Camera in the model of a virtual robot. Without OpenGL it is ray cast, coarser and without
     specular light."""
 
-    def __init__(self, body: Body, view: CameraView) -> None:
+    def __init__(
+        self,
+        body: Body,
+        view: CameraView,
+    ) -> None:
         self._body = body
         self._view = view
         self._renderer: Renderer | RayCaster | None = None
@@ -235,7 +239,12 @@ class Watch:
             seen.
     """
 
-    def __init__(self, view: CameraView, rng: np.random.Generator, frame: Frame) -> None:
+    def __init__(
+        self,
+        view: CameraView,
+        rng: np.random.Generator,
+        frame: Frame,
+    ) -> None:
         self._view = view
         self.goal = None if view.goal is None else view.goal.draw(rng)
         self.mean_px = 0.0

@@ -193,7 +193,12 @@ def write_red(path: Path, window: RedWindow) -> None:
 def read_red(path: Path) -> RedWindow:
     """Read the window that `write_red` wrote. Raises CameraError if the file is missing or
     invalid."""
-    with reading("the calibration", path, CameraError, "make one with `bricksrl camera calibrate`"):
+    with reading(
+        "the calibration",
+        path,
+        CameraError,
+        "make one with `bricksrl camera calibrate`",
+    ):
         data: dict[str, Any] = json.loads(path.read_bytes())["red"]
         low, high = map(float, data["hue_deg"])
         return RedWindow(

@@ -125,7 +125,11 @@ def distances_px(centres: NDArray[np.float64], goal: Place) -> NDArray[np.float6
     return np.hypot(centres[:, 0] - goal_x, centres[:, 1] - goal_y)
 
 
-def shrink(frame: Frame, side_px: int, disc: Disc | None = None) -> Frame:
+def shrink(
+    frame: Frame,
+    side_px: int,
+    disc: Disc | None = None,
+) -> Frame:
     """Area-averaged image ``[side, side, 3]`` of the frame, in which small objects stay visible;
     ties are rounded to even. ``disc``: a green disc to draw into the image; the frame is not
     changed."""
@@ -169,7 +173,11 @@ def _overlap(new_size: int, old_size: int) -> NDArray[np.float32]:
     return share
 
 
-def draw_disc(canvas: NDArray[Any], centre: Place, radius_px: int) -> None:
+def draw_disc(
+    canvas: NDArray[Any],
+    centre: Place,
+    radius_px: int,
+) -> None:
     """Draw a green disc into ``[height, width, 3]``; it is clipped at the edges."""
     x, y = centre
     left = max(x - radius_px, 0)

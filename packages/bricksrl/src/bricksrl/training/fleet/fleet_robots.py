@@ -119,7 +119,12 @@ class Fleet(SpecsEnv):
         kept: what the transforms of the run keep, for the processes.
     """
 
-    def __init__(self, config: TrainConfig, env: EnvBase, place: Placement | None = None) -> None:
+    def __init__(
+        self,
+        config: TrainConfig,
+        env: EnvBase,
+        place: Placement | None = None,
+    ) -> None:
         # Its own specs: the transforms of the run are put around the fleet again.
         robot = base_of(env)
         specs = {name: getattr(robot, name).clone() for name in SPECS}
@@ -170,7 +175,11 @@ class Fleet(SpecsEnv):
         """Whether the robots are paused."""
         return self._is_paused
 
-    def _send_all(self, kind: str, content: Any = None) -> None:
+    def _send_all(
+        self,
+        kind: str,
+        content: Any = None,
+    ) -> None:
         for member in self.members:
             self.tell(member, kind, content)
 
@@ -253,12 +262,19 @@ class Fleet(SpecsEnv):
             # In a thread, as the other robots go on while a person is at work, and a daemon, as
             # nobody may ever answer.
             placer = threading.Thread(
-                target=self._place_robot, args=(member,), name="placer", daemon=True
+                target=self._place_robot,
+                args=(member,),
+                name="placer",
+                daemon=True,
             )
             placer.start()
         return member, kind, content
 
-    def _bury(self, member: Member, now_s: float) -> Event:
+    def _bury(
+        self,
+        member: Member,
+        now_s: float,
+    ) -> Event:
         """The event that a robot's process ended, which is started again, or given up."""
         code = self._reap(member)
         member.is_ready = False
@@ -291,7 +307,12 @@ class Fleet(SpecsEnv):
             if member.is_ready:
                 self.tell(member, "weights", weights)
 
-    def tell(self, member: Member, kind: str, content: Any = None) -> None:
+    def tell(
+        self,
+        member: Member,
+        kind: str,
+        content: Any = None,
+    ) -> None:
         """Send a message to a robot's process, if it is there."""
         if member.process is None:
             return

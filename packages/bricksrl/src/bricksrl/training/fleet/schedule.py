@@ -76,7 +76,11 @@ class FleetRobots(Source):
             else:
                 self._check_reach()
 
-    def play(self, playing: Any, start: Any) -> Iterator[Moved | Ended]:
+    def play(
+        self,
+        playing: Any,
+        start: Any,
+    ) -> Iterator[Moved | Ended]:
         # The robots' processes play.
         raise NotImplementedError
 
@@ -150,13 +154,24 @@ class FleetRobots(Source):
                 is_retried = kind == "gone"
                 state = RobotState.LEFT if is_retried else RobotState.GIVEN_UP
                 self._set_state(member, state, content)
-                ended = self._ended(member, success=None, measures={}, is_lost=True, is_cut=False)
+                ended = self._ended(
+                    member,
+                    success=None,
+                    measures={},
+                    is_lost=True,
+                    is_cut=False,
+                )
                 # Others may wait for it, as all begin together.
                 self._assign_idle()
                 return ended
         return None
 
-    def _set_state(self, member: Member, state: RobotState, reason: str = "") -> None:
+    def _set_state(
+        self,
+        member: Member,
+        state: RobotState,
+        reason: str = "",
+    ) -> None:
         before = member.state
         was_out = member.is_out
         member.state = state
@@ -207,7 +222,11 @@ class FleetRobots(Source):
                 self._assign(other)
 
     def _frame(
-        self, member: Member, columns: list[dict[str, Any]], steps: list[Any], rewards: list[float]
+        self,
+        member: Member,
+        columns: list[dict[str, Any]],
+        steps: list[Any],
+        rewards: list[float],
     ) -> Moved:
         """A step of a robot: its frame behind the transforms, and the last one of the environment
         itself where it is another; the rows for the dataset, and the rewards."""
@@ -219,7 +238,12 @@ class FleetRobots(Source):
         for reward in rewards:
             playing.return_ += reward
         playing.steps += steps
-        return Moved(playing, frames[0], own_frame=frames[-1], is_lost=is_lost)
+        return Moved(
+            playing,
+            frames[0],
+            own_frame=frames[-1],
+            is_lost=is_lost,
+        )
 
     def _ended(
         self,

@@ -104,7 +104,12 @@ class Worker:
         config = TrainConfig.from_dict(begin["config"])
         torch.manual_seed(begin["seed"])
         place = self._place if begin["is_placed"] else None
-        robot: Any = make(config.env, config.as_it_is(), seed=config.seed, place=place)
+        robot: Any = make(
+            config.env,
+            config.as_it_is(),
+            seed=config.seed,
+            place=place,
+        )
         # Transforms that measure when they are made do so on a stand-in: no real robot is moved
         # for it.
         env = over(stand_in(config), robot) if config.is_transformed else robot
@@ -121,16 +126,30 @@ class Worker:
         return env, actor
 
     def _episode(
-        self, env: Any, actor: Learner, begin: dict[str, Any], order: dict[str, Any]
+        self,
+        env: Any,
+        actor: Learner,
+        begin: dict[str, Any],
+        order: dict[str, Any],
     ) -> None:
         """One episode; ends early if the link breaks."""
         rollout = Rollout()
         env.set_seed(order["seed"])
         state = env.reset()
-        description = about(env, order["policy"], seed=order["seed"], hub=begin["config"]["hub"])
+        description = about(
+            env,
+            order["policy"],
+            seed=order["seed"],
+            hub=begin["config"]["hub"],
+        )
         self.send("begun", description)
         policy = RandomPolicy(env.action_spec) if order["is_random"] else actor.explore
-        for frame in play(env, policy, state, reset_policy=actor.reset_policy):
+        for frame in play(
+            env,
+            policy,
+            state,
+            reset_policy=actor.reset_policy,
+        ):
             rewards_before = len(rollout.rewards)
             own_frames = rollout.add(frame, env)
             steps: list[Step] = []

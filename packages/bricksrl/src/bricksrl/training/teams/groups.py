@@ -63,7 +63,11 @@ class _Scaled(nn.Module):
 
     scale: Tensor
 
-    def __init__(self, net: nn.Module, scale: Tensor) -> None:
+    def __init__(
+        self,
+        net: nn.Module,
+        scale: Tensor,
+    ) -> None:
         super().__init__()
         self.net = net
         self.register_buffer("scale", scale)
@@ -105,7 +109,12 @@ class PPOGroup:
         }
 
         # The policy sees what the robot itself observes, also where the critic sees all.
-        action_net = MultiAgentMLP(n, 2 * size, centralized=False, **options)
+        action_net = MultiAgentMLP(
+            n,
+            2 * size,
+            centralized=False,
+            **options,
+        )
         body = nn.Sequential(
             _Scaled(action_net, scale), NormalParamExtractor(scale_lb=_LEAST_SCALE)
         )
@@ -119,7 +128,12 @@ class PPOGroup:
             return_log_prob=True,
             log_prob_key=(group, "action_log_prob"),
         )
-        value_net = MultiAgentMLP(n, 1, centralized=central, **options)
+        value_net = MultiAgentMLP(
+            n,
+            1,
+            centralized=central,
+            **options,
+        )
         value_key = (group, "state_value")
         critic = TensorDictModule(_Scaled(value_net, scale), [observation_key], [value_key])
 
@@ -141,7 +155,11 @@ class PPOGroup:
             sample_log_prob=(group, "action_log_prob"),
             value=value_key,
         )
-        self._advantage = GAE(gamma=settings.gamma, lmbda=settings.gae_lambda, value_network=critic)
+        self._advantage = GAE(
+            gamma=settings.gamma,
+            lmbda=settings.gae_lambda,
+            value_network=critic,
+        )
         self._advantage.set_keys(**keys, value=value_key)
         self._optimizer = torch.optim.Adam(self.loss.parameters(), lr=settings.learning_rate)
 
@@ -184,18 +202,33 @@ class SACGroup:
     """A group of independent SAC learners with shared networks."""
 
     def __init__(
-        self, group: str, robots: int, low: Tensor, high: Tensor, size: int, settings: TeamSettings
+        self,
+        group: str,
+        robots: int,
+        low: Tensor,
+        high: Tensor,
+        size: int,
+        settings: TeamSettings,
     ) -> None:
         from bricksrl.agents.sac import SACSettings, build
 
         # To the algorithm, each robot is an environment of its own.
-        observation = Bounded(low, high, low.shape, dtype=torch.float32)
+        observation = Bounded(
+            low,
+            high,
+            low.shape,
+            dtype=torch.float32,
+        )
         flag = Unbounded((1,), dtype=torch.bool)
         specs = {
             "observation_spec": Composite(observation=observation),
             "action_spec": Bounded(-1.0, 1.0, (size,)),
             "reward_spec": Unbounded((1,)),
-            "done_spec": Composite(done=flag, terminated=flag.clone(), truncated=flag.clone()),
+            "done_spec": Composite(
+                done=flag,
+                terminated=flag.clone(),
+                truncated=flag.clone(),
+            ),
         }
         sac_settings = SACSettings(
             hidden=settings.hidden,
@@ -280,7 +313,12 @@ def alternating(scripts: Sequence[Callable[[Tensor], Tensor]]) -> Callable[[Tens
     return act
 
 
-def make_group(env: EnvBase, group: str, agent: TeamAgent, settings: TeamSettings) -> GroupLearner:
+def make_group(
+    env: EnvBase,
+    group: str,
+    agent: TeamAgent,
+    settings: TeamSettings,
+) -> GroupLearner:
     """The learner of a group. Initialized from torch's global generator. Raises DescriptionError if
     there is no such group or agent."""
     if group not in env.task.groups:
@@ -294,13 +332,29 @@ def make_group(env: EnvBase, group: str, agent: TeamAgent, settings: TeamSetting
     # A command for each of the two wheels of a robot.
     size = 2
     if agent == "sac":
-        return SACGroup(group, robots, low, high, size, settings)
+        return SACGroup(
+            group,
+            robots,
+            low,
+            high,
+            size,
+            settings,
+        )
     scale = torch.maximum(low.abs(), high.abs())
-    return PPOGroup(group, robots, scale, size, settings, central=agent == "mappo")
+    return PPOGroup(
+        group,
+        robots,
+        scale,
+        size,
+        settings,
+        central=agent == "mappo",
+    )
 
 
 def team_policy(
-    env: EnvBase, learners: Mapping[str, GroupLearner], scripts: Mapping[str, str]
+    env: EnvBase,
+    learners: Mapping[str, GroupLearner],
+    scripts: Mapping[str, str],
 ) -> TensorDictSequential:
     """Policy of all robots, by the groups' learners or scripts: a name, "random", or several
     separated by commas for the copies in turn. Raises DescriptionError if a group has neither, or

@@ -113,7 +113,11 @@ def load_team(path: Path | str, scripts: Mapping[str, str] | None = None) -> Tea
     return team
 
 
-def _new_team(env: EnvBase, config: TeamConfig, settings: TeamSettings) -> Team:
+def _new_team(
+    env: EnvBase,
+    config: TeamConfig,
+    settings: TeamSettings,
+) -> Team:
     agents: Any = config.agents
     learners = {group: make_group(env, group, agent, settings) for group, agent in agents.items()}
     policy = team_policy(env, learners, config.scripts)
@@ -133,13 +137,21 @@ def train_team(
     env = make_arena(config.env, seed=derive_seed(config.seed, "arena"), batch_size=config.copies)
     with reproducible(derive_seed(config.seed, "team")):
         team = _new_team(env, config, settings)
-        _learn(env, team, on_progress, stop or threading.Event())
+        _learn(
+            env,
+            team,
+            on_progress,
+            stop or threading.Event(),
+        )
     env.close(raise_if_closed=False)
     return team
 
 
 def _learn(
-    env: EnvBase, team: Team, on_progress: Callable[[TeamProgress], None], stop: threading.Event
+    env: EnvBase,
+    team: Team,
+    on_progress: Callable[[TeamProgress], None],
+    stop: threading.Event,
 ) -> None:
     config = team.config
     # An arena with its hubs is a single one.
@@ -150,11 +162,23 @@ def _learn(
     running_returns = {group: torch.zeros(copies) for group in config.agents}
     frames_done = 0
     steps = batches * steps_per_batch
-    for collected in collect_round(env, team.policy, steps, steps_per_batch):
+    for collected in collect_round(
+        env,
+        team.policy,
+        steps,
+        steps_per_batch,
+    ):
         frames = collected if collected.ndim == 2 else collected[None]  # [copies, time]
         frames_done += frames.numel()
         # Before learning, which adds entries to the frames.
-        on_progress(_progress(team, frames, running_returns, frames_done))
+        on_progress(
+            _progress(
+                team,
+                frames,
+                running_returns,
+                frames_done,
+            )
+        )
         for learner in team.learners.values():
             learner.learn(frames)
         if stop.is_set():
@@ -162,7 +186,10 @@ def _learn(
 
 
 def _progress(
-    team: Team, frames: Any, running_returns: dict[str, Any], frames_done: int
+    team: Team,
+    frames: Any,
+    running_returns: dict[str, Any],
+    frames_done: int,
 ) -> TeamProgress:
     """Progress over the episodes that ended in these frames; ``running_returns``, of the current
     ones, go on."""
@@ -184,7 +211,12 @@ def _progress(
         returns[group] = total / ended if ended else float("nan")
     successes = float((after["success"] & after["done"]).sum())
     success_rate = successes / ended if ended else float("nan")
-    return TeamProgress(frames_done, ended, returns, success_rate)
+    return TeamProgress(
+        frames_done,
+        ended,
+        returns,
+        success_rate,
+    )
 
 
 @dataclass(frozen=True)
@@ -197,7 +229,10 @@ class TeamEpisode:
 
 
 def play_team(
-    env: EnvBase, policy: TensorDictModuleBase, episodes: int, seed: int
+    env: EnvBase,
+    policy: TensorDictModuleBase,
+    episodes: int,
+    seed: int,
 ) -> list[TeamEpisode]:
     """Run episodes in an arena with its hubs; episode ``k`` depends on ``seed``, ``k`` and the
     policy only. Raises HubError if a link broke."""

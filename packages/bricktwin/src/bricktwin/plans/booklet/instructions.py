@@ -99,7 +99,11 @@ def instructions(plan: Plan, studio: Studio) -> Iterator[Instruction]:
         yield from author.instructions(step, times)
 
 
-def kind_of(plan: Plan, item: tuple[int, ...], depth: int) -> tuple[object, ...]:
+def kind_of(
+    plan: Plan,
+    item: tuple[int, ...],
+    depth: int,
+) -> tuple[object, ...]:
     """Key of equal items of an assembly at a depth of nesting: parts, or sub-assemblies."""
     parts = [plan.parts[part] for part in item]
     nested = parts[0].assembly[depth:]
@@ -119,6 +123,7 @@ class _Author:
     joints: Mapping[int, list[tuple[Connection, Site, int, Site]]] = field(init=False)
 
     def __post_init__(self) -> None:
+        # One for all steps, as it counts the queries of the whole booklet.
         self.occupancy = Occupancy(self.plan.parts, _MAX_QUERIES)
         links = connections(self.plan.parts)
         self.links = links_of(self.plan.parts, links)
@@ -128,22 +133,41 @@ class _Author:
             joints[link.female].append((link, link.female_site, link.male, link.male_site))
         self.joints = joints
 
-    def instructions(self, step: Step, times: int) -> Iterator[Instruction]:
+    def instructions(
+        self,
+        step: Step,
+        times: int,
+    ) -> Iterator[Instruction]:
         """The instructions of a step of the plan."""
         after = self.plan.present_parts(step)
-        moves, _ = moves_of(step, after, self.occupancy, self.links)
+        moves, _ = moves_of(
+            step,
+            after,
+            self.occupancy,
+            self.links,
+        )
         before = after - {part for move in moves for part in move.parts}
         note = step.note
         for few in self._split(moves, len(step.assembly), before):
             # The note of a step stands on the first of its pages.
-            for instruction in self._shown(few, frozenset(before), step, times):
+            for instruction in self._shown(
+                few,
+                frozenset(before),
+                step,
+                times,
+            ):
                 turned = instruction.scene.view != self.view
                 self.view = instruction.scene.view
                 yield replace(instruction, note=note, is_turned=turned)
                 note = ""
             before |= {part for move in few for part in move.parts}
 
-    def _split(self, moves: Sequence[Move], depth: int, before: set[int]) -> list[list[Move]]:
+    def _split(
+        self,
+        moves: Sequence[Move],
+        depth: int,
+        before: set[int],
+    ) -> list[list[Move]]:
         """Moves in order, at most four kinds and eight pieces at once, about as many each time.
         What is moved together stays together if it is as few."""
         pieces: list[Move] = []
@@ -154,12 +178,24 @@ class _Author:
                 pieces += [Move((item,), move.outward) for item in move.items]
         # As few steps as with the most pieces in each, but with the last one as full as the others:
         # the smallest limit that needs no more steps.
-        splits = [self._filled(pieces, depth, most, before) for most in range(1, MAX_PIECES + 1)]
-        fewest = len(splits[-1])
-        return next(split for split in splits if len(split) == fewest)
+        fullest = self._filled(
+            pieces,
+            depth,
+            MAX_PIECES,
+            before,
+        )
+        for most in range(1, MAX_PIECES):
+            split = self._filled(pieces, depth, most, before)
+            if len(split) == len(fullest):
+                return split
+        return fullest
 
     def _filled(
-        self, moves: Sequence[Move], depth: int, most: int, before: set[int]
+        self,
+        moves: Sequence[Move],
+        depth: int,
+        most: int,
+        before: set[int],
     ) -> list[list[Move]]:
         """Moves in order, so many pieces at once unless one move has more. What only the next ones
         hold comes with them."""
@@ -181,7 +217,12 @@ class _Author:
             split.append(few)
         return split
 
-    def _waits(self, last: Move, split: Sequence[Sequence[Move]], before: set[int]) -> bool:
+    def _waits(
+        self,
+        last: Move,
+        split: Sequence[Sequence[Move]],
+        before: set[int],
+    ) -> bool:
         """Whether the last of these moves is connected to something, but not to what is there."""
         there = set(before)
         for move in itertools.chain.from_iterable(split):
@@ -192,27 +233,56 @@ class _Author:
             connected.update(other for other, _ in self.links.get(part, ()))
         return bool(connected) and not connected & there
 
-    def _is_few(self, moves: Sequence[Move], depth: int) -> bool:
+    def _is_few(
+        self,
+        moves: Sequence[Move],
+        depth: int,
+    ) -> bool:
         items = [item for move in moves for item in move.items]
         kinds = {kind_of(self.plan, item, depth) for item in items}
         return len(items) <= MAX_PIECES and len(kinds) <= MAX_KINDS
 
     def _shown(
-        self, moves: Sequence[Move], before: frozenset[int], step: Step, times: int
+        self,
+        moves: Sequence[Move],
+        before: frozenset[int],
+        step: Step,
+        times: int,
     ) -> Iterator[Instruction]:
         """An instruction for some moves, or two if some of their parts cannot be seen."""
         scene, hidden = self._best_scene(moves, before)
+        # In fewer moves, one part hides less of another.
         if hidden and len(moves) > 1:
             half = len(moves) // 2
-            yield from self._shown(moves[:half], before, step, times)
+            yield from self._shown(
+                moves[:half],
+                before,
+                step,
+                times,
+            )
             placed = before | {part for move in moves[:half] for part in move.parts}
-            yield from self._shown(moves[half:], frozenset(placed), step, times)
+            yield from self._shown(
+                moves[half:],
+                frozenset(placed),
+                step,
+                times,
+            )
         else:
             inset = self._inset(moves, before, hidden) if hidden else None
-            yield Instruction(tuple(moves), before, step.assembly, times, "", scene, inset=inset)
+            yield Instruction(
+                tuple(moves),
+                before,
+                step.assembly,
+                times,
+                "",
+                scene,
+                inset=inset,
+            )
 
     def _best_scene(
-        self, moves: Sequence[Move], before: frozenset[int]
+        self,
+        moves: Sequence[Move],
+        before: frozenset[int],
     ) -> tuple[Scene, list[tuple[int, ...]]]:
         """The scene that shows the moves best, and the items that are hidden in it. The view is not
         turned without need."""
@@ -234,7 +304,10 @@ class _Author:
         return best[1:]
 
     def _inset(
-        self, moves: Sequence[Move], before: frozenset[int], hidden: Sequence[tuple[int, ...]]
+        self,
+        moves: Sequence[Move],
+        before: frozenset[int],
+        hidden: Sequence[tuple[int, ...]],
     ) -> Scene:
         """The hidden items with what they touch, or alone."""
         parts = {part for item in hidden for part in item}
@@ -247,35 +320,53 @@ class _Author:
             if items:
                 few.append(Move(items, move.outward))
         scene, still_hidden = self._best_scene(few, frozenset(touched))
+        # What they touch hides them too: better alone than unseen.
         if still_hidden:
             scene, _ = self._best_scene(few, frozenset())
         return scene
 
     def _apart(
-        self, moves: Sequence[Move], before: frozenset[int]
+        self,
+        moves: Sequence[Move],
+        before: frozenset[int],
     ) -> tuple[list[Shown], tuple[Arrow, ...]]:
         """All parts, those of the moves on their way, and arrows to their places."""
         shifts: dict[int, Floats] = {part: np.zeros(3) for part in before}
         arrows: list[Arrow] = []
         for move in moves:
             shift = np.zeros(3)
+            # What lies on the table, or has no known way, stays where it is, without an arrow.
             ways = self._ways(move, shifts) if move.outward.any() else []
             if ways:
-                longest = max(float((end - start) @ move.outward) for start, end in ways)
-                distance = longest + _GAP
-                # Further out, until it overlaps none of the others that are on their way.
                 on_way = {part: other for part, other in shifts.items() if part not in before}
-                for _ in range(_MAX_TRIES):
-                    if self._is_clear(move, move.outward * distance, on_way):
-                        break
-                    distance += _GAP
-                shift = move.outward * distance
+                shift = move.outward * self._distance_out(move, ways, on_way)
                 arrows += [(start + shift, end) for start, end in ways]
             shifts.update(dict.fromkeys(move.parts, shift))
         shown = [Shown(self.plan.parts[part], shift) for part, shift in shifts.items()]
         return shown, tuple(arrows)
 
-    def _ways(self, move: Move, shifts: Mapping[int, Floats]) -> list[Arrow]:
+    def _distance_out(
+        self,
+        move: Move,
+        ways: Sequence[Arrow],
+        on_way: Mapping[int, Floats],
+    ) -> float:
+        """How far from its place a move is drawn, LDU: out of all holes, and apart from the parts
+        that are on their way, each shifted [3]."""
+        # How deep the deepest of its pins and holes goes.
+        longest = max(float((end - start) @ move.outward) for start, end in ways)
+        distance = longest + _GAP
+        for _ in range(_MAX_TRIES):
+            if self._is_clear(move, move.outward * distance, on_way):
+                break
+            distance += _GAP
+        return distance
+
+    def _ways(
+        self,
+        move: Move,
+        shifts: Mapping[int, Floats],
+    ) -> list[Arrow]:
         """Where pins and holes of a move begin [3], and where those that they belong to end: a pair
         for each line, at most 4."""
         ways: dict[tuple[float, ...], Arrow] = {}
@@ -298,14 +389,24 @@ class _Author:
         # Of many, the first and the last show the direction as well.
         return found if len(found) <= _MAX_ARROWS else [found[0], found[-1]]
 
-    def _end(self, part: int, site: Site, direction: Floats) -> Floats:
+    def _end(
+        self,
+        part: int,
+        site: Site,
+        direction: Floats,
+    ) -> Floats:
         """The end [3] of a site in a direction."""
         placed = self.plan.parts[part]
         along = placed.rotation @ np.array(site.axis)
         half = np.sign(along @ direction) * site.length / 2
         return np.asarray(placed.point(site.centre) + along * half)
 
-    def _is_clear(self, move: Move, shift: Floats, others: Mapping[int, Floats]) -> bool:
+    def _is_clear(
+        self,
+        move: Move,
+        shift: Floats,
+        others: Mapping[int, Floats],
+    ) -> bool:
         """Whether the moved parts' boxes overlap none of others, moved too."""
         if not others:
             return True

@@ -44,12 +44,15 @@ DPI = 300
 # The size of a page, inches: half of an A4 sheet, lying.
 _WIDTH = 8.27
 _HEIGHT = 5.83
-_LIFE_SIZE = MM_PER_LDU / 25.4 * DPI * OVERSAMPLING
+_MM_PER_INCH = 25.4
+_LIFE_SIZE = MM_PER_LDU / _MM_PER_INCH * DPI * OVERSAMPLING
 """Rays per LDU of a picture as large as the parts."""
 _SCALES = tuple(_LIFE_SIZE * 1.15 * 0.84**step for step in range(30))
 """Few scales, so that the parts of many steps are drawn once."""
 _COLOURS = 64
+"""Colours of a picture in a PDF; a page in HTML has twice as many."""
 _HTML_DPI = 150
+# The boxes of a page of the list of parts.
 _LIST_COLUMNS = 6
 _LIST_ROWS = 3
 _NOTE_WIDTH = 112
@@ -57,11 +60,18 @@ _NOTE_WIDTH = 112
 _ARROW = "#d9480f"
 _CABLE = "#c2410c"
 _PAPER = (1.0, 1.0, 1.0)
+"""Colour of pages."""
 _BOX = (0.886, 0.933, 0.969)
+"""Colour of boxes with parts."""
+_BOX_EDGE = "#7a9bb8"
 _SUB_ASSEMBLY = (1.0, 0.965, 0.843)
-"""Colours of pages, of boxes with parts, and of sub-assemblies."""
+"""Colour of pages of sub-assemblies."""
+_COMPASS = 0.42
+"""Length of the compass's arrows where they are seen from the side, inches."""
+# Sizes of bars in life size; those of real parts.
 _BEAM_WIDTH_MM = 7.2
 _AXLE_WIDTH_MM = 4.6
+_HOLE_RADIUS_MM = 2.4
 _MODULE_MM = 8.0
 
 
@@ -119,13 +129,23 @@ def pages_of(plan: Plan) -> Iterator[Page]:
     """All pages in order."""
     studio = Studio()
     entries = parts_list(plan)
+    # All steps before the first page, which says how many there are.
     steps = list(instructions(plan, studio))
     everything = _at_rest(plan.parts)
     text = (
         f"{len(plan.parts)} parts of {len(entries)} kinds and colours · {len(steps)} steps · "
         f"{plan.mass_g:.0f} g"
     )
-    yield Page(plan.title, text, _fitted(studio, everything, VIEWS[0], (7.4, 4.3)))
+    yield Page(
+        plan.title,
+        text,
+        _fitted(
+            studio,
+            everything,
+            VIEWS[0],
+            (7.4, 4.3),
+        ),
+    )
     samples = {(placed.part, placed.colour): placed for placed in plan.parts}
     items = []
     for entry in entries:
@@ -144,9 +164,20 @@ def pages_of(plan: Plan) -> Iterator[Page]:
         note = "Plug in the cables last, and keep them away from moving parts."
         # The more lines of text, the less room there is above them.
         height = 4.55 - 0.22 * len(cables)
-        picture = _fitted(studio, everything, VIEWS[3], (7.6, height))
+        picture = _fitted(
+            studio,
+            everything,
+            VIEWS[3],
+            (7.6, height),
+        )
         lines = tuple(cable.text for cable in cables)
-        yield Page("Cables", note, picture, lines=lines, cables=cables)
+        yield Page(
+            "Cables",
+            note,
+            picture,
+            lines=lines,
+            cables=cables,
+        )
 
 
 def _at_rest(parts: Iterable[Placed]) -> list[Shown]:
@@ -170,28 +201,71 @@ def _fitted(
     return studio.picture(shown, view, zoom)
 
 
-def _part_picture(studio: Studio, parts: Sequence[Placed], inches: tuple[float, float]) -> Picture:
+def _part_picture(
+    studio: Studio,
+    parts: Sequence[Placed],
+    inches: tuple[float, float],
+) -> Picture:
     """Picture of a part as it lies in the model, or of a sub-assembly."""
-    return _fitted(studio, _at_rest(parts), VIEWS[0], inches, 0.87)
+    return _fitted(
+        studio,
+        _at_rest(parts),
+        VIEWS[0],
+        inches,
+        0.87,
+    )
 
 
-def _step_page(plan: Plan, studio: Studio, step: Instruction, number: int) -> Page:
+def _step_page(
+    plan: Plan,
+    studio: Studio,
+    step: Instruction,
+    number: int,
+) -> Page:
     """The page of a step."""
     items = []
     for kind, group in placed_items(plan, step).items():
         parts = group[0]
+        picture = _part_picture(studio, parts, (1.5, 0.62))
+        # What is nested deeper than the step itself is a sub-assembly that is put in place.
         is_part = len(parts[0].assembly) == len(step.assembly)
-        text = parts[0].part.name if is_part else _title(str(kind[0]))
-        bar = parts[0] if is_part and _modules(parts[0]) else None
-        items.append(Item(_part_picture(studio, parts, (1.5, 0.62)), len(group), text, bar))
+        if is_part:
+            bar = parts[0] if _modules(parts[0]) else None
+            items.append(
+                Item(
+                    picture,
+                    len(group),
+                    parts[0].part.name,
+                    bar,
+                )
+            )
+        else:
+            items.append(Item(picture, len(group), _title(str(kind[0]))))
     # What stands below the picture takes room from it: bars in life size, and a note.
     bars = sum(item.bar is not None for item in items)
     height = 4.7 - 0.36 * bars - (0.25 if step.note else 0.0)
-    picture = _fitted(studio, step.scene.shown, step.scene.view, (5.7, height))
+    picture = _fitted(
+        studio,
+        step.scene.shown,
+        step.scene.view,
+        (5.7, height),
+    )
     inset = None
     if step.inset is not None:
-        inset = _fitted(studio, step.inset.shown, step.inset.view, (1.7, 1.5))
-    return Page(str(number), step.note, picture, tuple(items), step, inset)
+        inset = _fitted(
+            studio,
+            step.inset.shown,
+            step.inset.view,
+            (1.7, 1.5),
+        )
+    return Page(
+        str(number),
+        step.note,
+        picture,
+        tuple(items),
+        step,
+        inset,
+    )
 
 
 def _title(name: str) -> str:
@@ -215,6 +289,7 @@ def _cables(plan: Plan) -> tuple[Cable, ...]:
     hubs = plan.devices(DeviceKind.HUB)
     positions = dict(hubs[0].electric.ports) if hubs else {}
     cables = []
+    # A device without a port of this hub has no cable: the check of plans names it.
     devices = plan.devices(DeviceKind.MOTOR, DeviceKind.SENSOR)
     for placed in sorted(devices, key=lambda placed: placed.port or ""):
         if placed.port is None or placed.port not in positions:
@@ -239,10 +314,12 @@ def _pdf(plan: Plan, pages: Iterable[Page]) -> tuple[bytes, int]:
     from matplotlib import rc_context
     from matplotlib.backends.backend_pdf import PdfPages
 
+    # Names of parts and robots may have a dollar sign, which Matplotlib would take for a formula.
+    as_text: Any = {"text.parse_math": False}
     buffer = io.BytesIO()
     # Without a date, so that the same plan makes the same bytes.
     metadata = {"Title": plan.title, "Creator": "BricksRL", "CreationDate": None}
-    with rc_context({"text.parse_math": False}), PdfPages(buffer, metadata=metadata) as pdf:
+    with rc_context(as_text), PdfPages(buffer, metadata=metadata) as pdf:
         for number, page in enumerate(pages, 1):
             pdf.savefig(_figure(page, number))
     return buffer.getvalue(), number
@@ -276,6 +353,7 @@ def _html(plan: Plan, pages: Iterable[Page]) -> tuple[bytes, int]:
         '<!doctype html><html lang="en"><meta '
         f'charset="utf-8"><title>{html.escape(plan.title)}</title><style>{style}</style>'
     )
+    # One file, with all pictures in it, that can be sent on and opened anywhere.
     return f"{head}<body>{''.join(body)}</body></html>\n".encode(), len(body)
 
 
@@ -287,13 +365,40 @@ def _figure(page: Page, number: int) -> Figure:
     step = page.instruction
     paper = _SUB_ASSEMBLY if step is not None and step.assembly else _PAPER
     if step is not None and step.assembly:
-        _box(figure, (0.12, 0.12, _WIDTH - 0.24, _HEIGHT - 0.24), paper, "#b08900")
+        _box(
+            figure,
+            (0.12, 0.12, _WIDTH - 0.24, _HEIGHT - 0.24),
+            paper,
+            "#b08900",
+        )
         title = _title(step.assembly[-1].rpartition(":")[0])
         if step.times > 1:
             title += f"  ·  build it {step.times} times"
-        _text(figure, 2.35, _HEIGHT - 0.38, title, 12, weight="bold")
-    _text(figure, 0.32, _HEIGHT - 0.48, page.head, 30 if step else 22, weight="bold")
-    _text(figure, _WIDTH - 0.28, 0.3, f"{number}", 8, ha="right", color="0.45")
+        _text(
+            figure,
+            2.35,
+            _HEIGHT - 0.38,
+            title,
+            12,
+            weight="bold",
+        )
+    _text(
+        figure,
+        0.32,
+        _HEIGHT - 0.48,
+        page.head,
+        30 if step else 22,
+        weight="bold",
+    )
+    _text(
+        figure,
+        _WIDTH - 0.28,
+        0.3,
+        f"{number}",
+        8,
+        ha="right",
+        color="0.45",
+    )
     note = textwrap.fill(page.note, _NOTE_WIDTH)
     _text(figure, 0.32, 0.3, note, 9)
     if step is None and page.items:
@@ -308,39 +413,101 @@ def _figure(page: Page, number: int) -> Figure:
     if page.picture is not None and step is None:
         floor = 0.55 + 0.22 * len(page.lines)
         middle = (_WIDTH / 2, floor + (_HEIGHT - 0.75 - floor) / 2)
-        corner = _put(figure, page.picture, None, _PAPER, middle)
+        corner = _put(
+            figure,
+            page.picture,
+            None,
+            _PAPER,
+            middle,
+        )
         _compass(figure, page.picture.view, (_WIDTH - 0.85, floor + 0.3))
         for row, line in enumerate(reversed(page.lines)):
-            _text(figure, 0.4, 0.6 + 0.22 * row, line, 9)
+            _text(
+                figure,
+                0.4,
+                0.6 + 0.22 * row,
+                line,
+                9,
+            )
         for cable in page.cables:
             _cable(figure, page.picture, corner, cable)
     return figure
 
 
 def _scene(
-    figure: Figure, page: Page, step: Instruction, floor: float, paper: tuple[float, float, float]
+    figure: Figure,
+    page: Page,
+    step: Instruction,
+    floor: float,
+    paper: tuple[float, float, float],
 ) -> None:
     """The picture of a step with its arrows, the inset, the compass and the mark of a turned
     view."""
     assert page.picture is not None  # noqa: S101
     middle = (2.3 + (_WIDTH - 2.3 - 0.3) / 2, floor + (_HEIGHT - 0.8 - floor) / 2)
-    corner = _put(figure, page.picture, set(step.scene.bright), paper, middle)
-    _arrows(figure, page.picture, corner, step.scene)
+    corner = _put(
+        figure,
+        page.picture,
+        set(step.scene.bright),
+        paper,
+        middle,
+    )
+    _arrows(
+        figure,
+        page.picture,
+        corner,
+        step.scene,
+    )
+    # Over the picture, as all that comes later is.
     if page.inset is not None and step.inset is not None:
-        width, height = (side / DPI for side in page.inset.size)
-        left = _WIDTH - 0.45 - width
-        bottom = floor + 0.15
-        _box(figure, (left - 0.1, bottom - 0.1, width + 0.2, height + 0.2), _PAPER, "0.35")
-        middle = (left + width / 2, bottom + height / 2)
-        inset_corner = _put(figure, page.inset, set(step.inset.bright), _PAPER, middle)
-        _arrows(figure, page.inset, inset_corner, step.inset)
+        _inset(
+            figure,
+            page.inset,
+            step.inset,
+            floor,
+        )
     _compass(figure, step.scene.view, (_WIDTH - 0.85, _HEIGHT - 0.5))
     if step.is_turned:
         _turn_mark(figure, step.scene.view, (_WIDTH - 2.7, _HEIGHT - 0.36))
 
 
-def _text(figure: Figure, x: float, y: float, text: str, size: float, **style: Any) -> None:
+def _inset(
+    figure: Figure,
+    picture: Picture,
+    scene: Scene,
+    floor: float,
+) -> None:
+    """A small picture of what the large one hides, in a box at the lower right, above ``floor``."""
+    width, height = (side / DPI for side in picture.size)
+    left = _WIDTH - 0.45 - width
+    bottom = floor + 0.15
+    _box(
+        figure,
+        (left - 0.1, bottom - 0.1, width + 0.2, height + 0.2),
+        _PAPER,
+        "0.35",
+    )
+    middle = (left + width / 2, bottom + height / 2)
+    corner = _put(
+        figure,
+        picture,
+        set(scene.bright),
+        _PAPER,
+        middle,
+    )
+    _arrows(figure, picture, corner, scene)
+
+
+def _text(
+    figure: Figure,
+    x: float,
+    y: float,
+    text: str,
+    size: float,
+    **style: Any,
+) -> None:
     """Text at a position in inches."""
+    # Matplotlib draws all texts after all lines and boxes, unless it is told an order.
     above = len(figure.get_children())
     figure.text(
         x / _WIDTH,
@@ -365,7 +532,13 @@ def _box(
     left, bottom, width, height = rectangle
     style = "round,pad=0,rounding_size=0.09"
     patch = FancyBboxPatch(
-        (left, bottom), width, height, style, facecolor=face, edgecolor=edge, linewidth=0.8
+        (left, bottom),
+        width,
+        height,
+        style,
+        facecolor=face,
+        edgecolor=edge,
+        linewidth=0.8,
     )
     _add(figure, patch)
 
@@ -377,7 +550,12 @@ def _add(figure: Figure, artist: Artist) -> None:
     figure.add_artist(artist)
 
 
-def _line(figure: Figure, points: Sequence[tuple[float, float]], colour: str, width: float) -> None:
+def _line(
+    figure: Figure,
+    points: Sequence[tuple[float, float]],
+    colour: str,
+    width: float,
+) -> None:
     """A line through points in inches."""
     from matplotlib.lines import Line2D
 
@@ -444,13 +622,22 @@ def _indexed(pixels: Pixels, paper: tuple[float, float, float]) -> Pixels:
     return few
 
 
-def _inches(picture: Picture, corner: tuple[float, float], point: Floats) -> tuple[float, float]:
+def _inches(
+    picture: Picture,
+    corner: tuple[float, float],
+    point: Floats,
+) -> tuple[float, float]:
     """Where a point [3] of the plan is on the page."""
     x, y = picture.pixel_of(point)
     return corner[0] + x / DPI, corner[1] - y / DPI
 
 
-def _cable(figure: Figure, picture: Picture, corner: tuple[float, float], cable: Cable) -> None:
+def _cable(
+    figure: Figure,
+    picture: Picture,
+    corner: tuple[float, float],
+    cable: Cable,
+) -> None:
     """A cable with the letter of its port at both ends."""
     ends = [_inches(picture, corner, end) for end in cable.ends]
     _line(figure, ends, "white", 3.0)
@@ -462,63 +649,125 @@ def _cable(figure: Figure, picture: Picture, corner: tuple[float, float], cable:
         "linewidth": 0.9,
     }
     for x, y in ends:
-        _text(figure, x, y, cable.port, 7, weight="bold", ha="center", bbox=badge)
-
-
-def _arrows(figure: Figure, picture: Picture, corner: tuple[float, float], scene: Scene) -> None:
-    for start, end in scene.arrows:
-        is_hidden = (
-            np.mean(
-                [picture.hides(start + (end - start) * share) for share in np.linspace(0.0, 0.9, 7)]
-            )
-            > 0.5
+        _text(
+            figure,
+            x,
+            y,
+            cable.port,
+            7,
+            weight="bold",
+            ha="center",
+            bbox=badge,
         )
-        way = (_inches(picture, corner, start), _inches(picture, corner, end))
+
+
+def _arrows(
+    figure: Figure,
+    picture: Picture,
+    corner: tuple[float, float],
+    scene: Scene,
+) -> None:
+    """The arrows of a scene: dashed and grey where they run behind parts."""
+    for start, end in scene.arrows:
+        # Without the last tenth, which is at the part where the arrow ends.
+        points = [start + (end - start) * share for share in np.linspace(0.0, 0.9, 7)]
+        hidden_share = np.mean([picture.hides(point) for point in points])
+        tail = _inches(picture, corner, start)
+        tip = _inches(picture, corner, end)
+        if hidden_share > 0.5:
+            _arrow(
+                figure,
+                tail,
+                tip,
+                "0.4",
+                0.9,
+                style="--",
+            )
+        else:
+            _arrow(figure, tail, tip, _ARROW, 1.6)
+
+
+def _compass(
+    figure: Figure,
+    view: View,
+    middle: tuple[float, float],
+) -> None:
+    """The robot's front and right in a view; in a plan they are z and x."""
+    centre = np.array(middle)
+    # In a picture y points down, on a page up.
+    to_page = np.array([_COMPASS, -_COMPASS])
+    right, front = ((view.axes[:2] @ np.eye(3)[axis]) * to_page for axis in (0, 2))  # [2] each
+    # A square in the plane of the two arrows, which shows that they lie flat.
+    corners = [
+        centre + (across * right + along * front) * 0.45
+        for across, along in ((-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1))
+    ]
+    _line(
+        figure,
+        [(float(x), float(y)) for x, y in corners],
+        "0.6",
+        0.8,
+    )
+    for direction, name, colour in ((right, "right", "#1864ab"), (front, "front", "0.3")):
+        tip_x, tip_y = (centre + direction).tolist()
         _arrow(
             figure,
-            *way,
-            "0.4" if is_hidden else _ARROW,
-            0.9 if is_hidden else 1.6,
-            style="--" if is_hidden else "-",
+            middle,
+            (tip_x, tip_y),
+            colour,
+            1.2,
         )
-
-
-def _compass(figure: Figure, view: View, middle: tuple[float, float]) -> None:
-    """The robot's front and right in a view; in a plan they are z and x."""
-    right, front = ((view.axes[:2] @ np.eye(3)[axis]) * np.array([0.42, -0.42]) for axis in (0, 2))
-    corners = [
-        np.array(middle) + (i * right + j * front) * 0.45
-        for i, j in ((-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1))
-    ]
-    _line(figure, [(float(x), float(y)) for x, y in corners], "0.6", 0.8)
-    for direction, name, colour in ((right, "right", "#1864ab"), (front, "front", "0.3")):
-        tip = np.array(middle) + direction
-        _arrow(figure, middle, (float(tip[0]), float(tip[1])), colour, 1.2)
-        label = (
-            np.array(middle)
-            + direction * 1.12
-            + np.array([0.03 * np.sign(direction[0]), 0.05 * np.sign(direction[1])])
-        )
+        # The label is beyond the tip, clear of its head.
+        clearance = np.array([0.03 * np.sign(direction[0]), 0.05 * np.sign(direction[1])])
+        x, y = (centre + direction * 1.12 + clearance).tolist()
         align = "left" if direction[0] > 0 else "right"
         _text(
-            figure, float(label[0]), float(label[1]), name, 7, ha=align, color=colour, weight="bold"
+            figure,
+            x,
+            y,
+            name,
+            7,
+            ha=align,
+            color=colour,
+            weight="bold",
         )
 
 
-def _turn_mark(figure: Figure, view: View, middle: tuple[float, float]) -> None:
+def _turn_mark(
+    figure: Figure,
+    view: View,
+    middle: tuple[float, float],
+) -> None:
     """Two arrows in a circle, and from where the robot is seen now."""
     x, y = middle
-    _arrow(figure, (x - 0.16, y - 0.05), (x + 0.16, y - 0.05), "0.2", 1.4, 0.6)
-    _arrow(figure, (x + 0.16, y + 0.05), (x - 0.16, y + 0.05), "0.2", 1.4, 0.6)
-    sides = [
-        "behind" if abs(view.turn_deg) > 90 else "the front",
+    _arrow(
+        figure,
+        (x - 0.16, y - 0.05),
+        (x + 0.16, y - 0.05),
+        "0.2",
+        1.4,
+        0.6,
+    )
+    _arrow(
+        figure,
+        (x + 0.16, y + 0.05),
+        (x - 0.16, y + 0.05),
+        "0.2",
+        1.4,
+        0.6,
+    )
+    words = [
+        "from behind" if abs(view.turn_deg) > 90 else "from the front",
         "left" if view.turn_deg > 0 else "right",
     ]
+    # From above is the usual view, and not said.
+    if view.tilt_deg < 0:
+        words.append("below")
     _text(
         figure,
         x,
         y - 0.3,
-        ", ".join(["from " + sides[0], sides[1], *["below"] * (view.tilt_deg < 0)]),
+        ", ".join(words),
         7,
         ha="center",
         color="0.2",
@@ -527,21 +776,39 @@ def _turn_mark(figure: Figure, view: View, middle: tuple[float, float]) -> None:
 
 def _item_column(figure: Figure, items: Sequence[Item]) -> None:
     """The box with the items of a step."""
-    height = 0.98
+    # Inches: a row holds a picture, and its text below it.
+    row_height = 0.98
     top = _HEIGHT - 0.85
+    bottom = top - row_height * len(items) - 0.06
+    height = row_height * len(items) + 0.06
     _box(
         figure,
-        (0.28, top - height * len(items) - 0.06, 1.85, height * len(items) + 0.06),
+        (0.28, bottom, 1.85, height),
         _BOX,
-        "#7a9bb8",
+        _BOX_EDGE,
     )
     for row, item in enumerate(items):
-        y = top - height * (row + 1)
-        _put(figure, item.picture, None, _BOX, (1.2, y + 0.6))
-        _text(figure, 0.4, y + 0.13, f"{item.count}x", 11, weight="bold")
+        y = top - row_height * (row + 1)
+        _put(
+            figure,
+            item.picture,
+            None,
+            _BOX,
+            (1.2, y + 0.6),
+        )
         _text(
             figure,
-            0.55 + 0.1 * len(str(item.count)),
+            0.4,
+            y + 0.13,
+            f"{item.count}x",
+            11,
+            weight="bold",
+        )
+        # The name begins after the count, however many digits that has.
+        name_x = 0.55 + 0.1 * len(str(item.count))
+        _text(
+            figure,
+            name_x,
             y + 0.13,
             textwrap.shorten(item.text, 27),
             7.5,
@@ -549,45 +816,93 @@ def _item_column(figure: Figure, items: Sequence[Item]) -> None:
 
 
 def _part_list(figure: Figure, items: Sequence[Item]) -> None:
+    """A page of the list of parts: a box for each kind and colour, row by row."""
     width = (_WIDTH - 0.6) / _LIST_COLUMNS
     height = 1.6
     for index, item in enumerate(items):
-        x = 0.32 + width * (index % _LIST_COLUMNS)
-        y = _HEIGHT - 0.8 - height * (index // _LIST_COLUMNS + 1)
-        _box(figure, (x, y + 0.04, width - 0.1, height - 0.1), _BOX, "#7a9bb8")
-        _put(figure, item.picture, None, _BOX, (x + width / 2 - 0.05, y + 1.0))
-        _text(figure, x + 0.08, y + height - 0.2, f"{item.count}x", 12, weight="bold")
-        _text(figure, x + 0.08, y + 0.1, item.text, 7, va="bottom")
+        row, column = divmod(index, _LIST_COLUMNS)
+        x = 0.32 + width * column
+        y = _HEIGHT - 0.8 - height * (row + 1)
+        _box(
+            figure,
+            (x, y + 0.04, width - 0.1, height - 0.1),
+            _BOX,
+            _BOX_EDGE,
+        )
+        _put(
+            figure,
+            item.picture,
+            None,
+            _BOX,
+            (x + width / 2 - 0.05, y + 1.0),
+        )
+        _text(
+            figure,
+            x + 0.08,
+            y + height - 0.2,
+            f"{item.count}x",
+            12,
+            weight="bold",
+        )
+        _text(
+            figure,
+            x + 0.08,
+            y + 0.1,
+            item.text,
+            7,
+            va="bottom",
+        )
 
 
-def _life_size(figure: Figure, placed: Placed, y: float) -> None:
+def _life_size(
+    figure: Figure,
+    placed: Placed,
+    y: float,
+) -> None:
     """An axle or a straight beam at its real length, its modules marked."""
     from matplotlib.patches import Circle
 
     modules = _modules(placed)
     is_axle = placed.part.family == "axles"
-    width = (_AXLE_WIDTH_MM if is_axle else _BEAM_WIDTH_MM) / 25.4
-    length = modules * _MODULE_MM / 25.4
-    pitch = _MODULE_MM / 25.4
+    has_holes = any(site.fit is Fit.HOLE for site in placed.part.sites)
+    # Inches, as all of a page.
+    width = (_AXLE_WIDTH_MM if is_axle else _BEAM_WIDTH_MM) / _MM_PER_INCH
+    length = modules * _MODULE_MM / _MM_PER_INCH
+    pitch = _MODULE_MM / _MM_PER_INCH
+    # Beside the column of items, or below it, if the part is too long: it cannot be scaled down.
     left = 2.35
     if left + length > _WIDTH - 0.3:
         left = 0.3
-    _box(figure, (left, y - width / 2, length, width), (0.93, 0.93, 0.93), "0.2")
+    _box(
+        figure,
+        (left, y - width / 2, length, width),
+        (0.93, 0.93, 0.93),
+        "0.2",
+    )
     for module in range(modules):
+        # An axle has marks between its modules, a beam a hole in the middle of each.
         if is_axle and module:
+            x = left + module * pitch
             _line(
                 figure,
-                [(left + module * pitch, y - width / 2), (left + module * pitch, y + width / 2)],
+                [(x, y - width / 2), (x, y + width / 2)],
                 "0.55",
                 0.6,
             )
-        elif not is_axle and any(site.fit is Fit.HOLE for site in placed.part.sites):
+        elif not is_axle and has_holes:
             hole = Circle(
                 (left + (module + 0.5) * pitch, y),
-                2.4 / 25.4,
+                _HOLE_RADIUS_MM / _MM_PER_INCH,
                 facecolor="white",
                 edgecolor="0.2",
                 linewidth=0.7,
             )
             _add(figure, hole)
-    _text(figure, left + length + 0.08, y, f"{modules}   1:1", 8, weight="bold")
+    _text(
+        figure,
+        left + length + 0.08,
+        y,
+        f"{modules}   1:1",
+        8,
+        weight="bold",
+    )

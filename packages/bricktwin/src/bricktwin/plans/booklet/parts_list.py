@@ -35,7 +35,10 @@ class Entry:
     @property
     def shop_number(self) -> str:
         """LEGO's number of a device that is sold singly, else the part's."""
-        return (self.part.device and self.part.device.sold_as) or self.part.number
+        device = self.part.device
+        if device is not None and device.sold_as:
+            return device.sold_as
+        return self.part.number
 
     @property
     def mass_g(self) -> float:
@@ -63,28 +66,24 @@ def as_text(entries: list[Entry], kind: str) -> str:
     """A parts list in one of ``FORMATS``."""
     if kind == "bricklink":
         return _bricklink(entries)
+    rows: list[list[str | int | float]] = []
     if kind == "rebrickable":
-        return _table(
-            ["Part", "Color", "Quantity"],
-            [[entry.part.number, entry.colour.rebrickable, entry.count] for entry in entries],
-        )
+        # The heads by which Rebrickable knows the columns of an uploaded list.
+        for entry in entries:
+            rows.append([entry.part.number, entry.colour.rebrickable, entry.count])
+        return _table(["Part", "Color", "Quantity"], rows)
     heads = ["number", "name", "colour", "count", "mass_g", "mass_source"]
-    rows = [
-        [
-            entry.part.number,
-            entry.part.name,
-            entry.colour.name,
-            entry.count,
-            round(entry.mass_g, 3),
-            entry.part.mass_source.value,
-        ]
-        for entry in entries
-    ]
+    for entry in entries:
+        part = entry.part
+        mass_g = round(entry.mass_g, 3)
+        mass_source = part.mass_source.value
+        rows.append([part.number, part.name, entry.colour.name, entry.count, mass_g, mass_source])
     return _table(heads, rows)
 
 
 def _table(heads: list[str], rows: list[list[str | int | float]]) -> str:
     text = io.StringIO()
+    # Lines end alike on every system: the same plan makes the same bytes.
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(heads)
     writer.writerows(rows)
@@ -95,7 +94,9 @@ def _bricklink(entries: list[Entry]) -> str:
     """A wanted list for upload; a colour without a BrickLink number is left open."""
     lines = ["<INVENTORY>"]
     for entry in entries:
-        colour = f"<COLOR>{entry.colour.bricklink}</COLOR>" if entry.colour.bricklink else ""
+        colour = ""
+        if entry.colour.bricklink:
+            colour = f"<COLOR>{entry.colour.bricklink}</COLOR>"
         part = f"<ITEMTYPE>P</ITEMTYPE><ITEMID>{escape(entry.part.number)}</ITEMID>"
         lines.append(f"  <ITEM>{part}{colour}<MINQTY>{entry.count}</MINQTY></ITEM>")
     return "\n".join([*lines, "</INVENTORY>"]) + "\n"
@@ -116,6 +117,7 @@ _REPLACEMENTS = {"3704": "32062", "62821": "62821b"}
 """Parts that another one can replace: an axle by a notched one, a differential by its other
 mould."""
 _MAX_LISTED = 8
+"""Kinds of missing parts that a line names."""
 
 
 @dataclass(frozen=True)
@@ -169,15 +171,17 @@ class Purchase:
 @functools.cache
 def sets() -> tuple[LegoSet, ...]:
     """The sets of ``inventories.csv``, which also names the sources."""
+    # A row of the table is a part, and a column a set.
     rows = read_table("bricktwin.plans.catalogue", "inventories")
-    counts = {
-        number: Counter({_key(catalogue.get(row["part"])): int(row[number]) for row in rows})
-        for number in NAMES
-    }
-    return tuple(
-        LegoSet(number, NAMES[number], +count, number not in _ELECTRONICS_ONLY)
-        for number, count in counts.items()
-    )
+    keys = [_key(catalogue.get(row["part"])) for row in rows]
+    lego_sets: list[LegoSet] = []
+    for number, name in NAMES.items():
+        counts = [int(row[number]) for row in rows]
+        # The plus sign leaves out the parts that a set has none of.
+        parts = +Counter(dict(zip(keys, counts, strict=True)))
+        is_listed = number not in _ELECTRONICS_ONLY
+        lego_sets.append(LegoSet(number, name, parts, is_listed))
+    return tuple(lego_sets)
 
 
 def needs(plan: Plan) -> Counter[str]:
@@ -226,6 +230,7 @@ def owned(plan: Plan, numbers: Sequence[str]) -> Purchase:
 
 def still_needed(entries: Iterable[Entry], missing: Counter[str]) -> list[Entry]:
     """The entries, with the counts that are missing; a missing part may have any of its colours."""
+    # What an entry takes is not missing from the next ones, of other colours.
     left = Counter(missing)
     result = []
     for entry in entries:
@@ -239,18 +244,36 @@ def still_needed(entries: Iterable[Entry], missing: Counter[str]) -> list[Entry]
 
 
 def _purchase(
-    lego_sets: tuple[LegoSet, ...], needed: Counter[str], unknown: Counter[str]
+    lego_sets: tuple[LegoSet, ...],
+    needed: Counter[str],
+    unknown: Counter[str],
 ) -> Purchase:
-    available = sum((lego_set.parts for lego_set in lego_sets), Counter[str]())
+    """What sets have of a plan's parts, and what is missing. ``unknown``: the plan's parts that the
+    catalogue does not have."""
+    available: Counter[str] = Counter()
+    for lego_set in lego_sets:
+        available += lego_set.parts
     missing = needed - available
     present = needed.total() - missing.total()
     if all(lego_set.is_listed for lego_set in lego_sets):
-        return Purchase(lego_sets, present, missing, unknown)
+        return Purchase(
+            lego_sets,
+            present,
+            missing,
+            unknown,
+        )
+    # Of an inventory of electronics only, nobody knows whether it has the other parts.
     uncompared = Counter({part: count for part, count in missing.items() if part not in _devices()})
-    return Purchase(lego_sets, present, missing - uncompared, uncompared + unknown)
+    return Purchase(
+        lego_sets,
+        present,
+        missing - uncompared,
+        uncompared + unknown,
+    )
 
 
 def _key(part: Part) -> str:
+    """What a part is compared by: equal keys are as good as each other."""
     if part.device is not None:
         return part.device.name
     return _REPLACEMENTS.get(part.number, part.number)
@@ -258,11 +281,13 @@ def _key(part: Part) -> str:
 
 @functools.cache
 def _devices() -> dict[str, Part]:
+    """Hubs, motors and sensors by their names in ``bricktwin.robots``."""
     return {part.device.name: part for part in catalogue.parts() if part.device is not None}
 
 
 def _listing(parts: Counter[str]) -> str:
     """Counts, names and numbers."""
+    # Devices first, then what is needed most; the number tells apart what is needed equally often.
     kinds = sorted(parts, key=lambda part: (part not in _devices(), -parts[part], part))
     text = ", ".join(f"{parts[kind]} x {_named(kind)}" for kind in kinds[:_MAX_LISTED])
     others = kinds[_MAX_LISTED:]

@@ -15,7 +15,7 @@ from bricktwin.plans.part import Device, DeviceKind, MassSource, Part
 _PRINTED = re.compile(r"(\d+[a-z]??)(?:p|d|-)\w{1,8}")
 """A number with a pattern, in LDraw's notation: 3004p0b, stickers as 87079d08, formerly 3005-7."""
 DIRECT_COLOUR = 0x2000000
-"""Code of black as red, green and blue."""
+"""LDraw's code of black as red, green and blue; from here on the lowest 24 bits are the colour."""
 
 
 @functools.cache
@@ -36,7 +36,8 @@ def find(number: str) -> Part | None:
     number = number.lower().removesuffix(".dat")
     plain = _PRINTED.fullmatch(number)
     part = _by_number().get(number)
-    # The whole number first: a part of its own may have a number that looks like a print.
+    # The whole number first: a part of its own may have a number that looks like a print, as
+    # 39367p02 has.
     if part is None and plain is not None:
         part = _by_number().get(plain[1])
     return part
@@ -133,4 +134,9 @@ def colour_of(code: int) -> Colour:
         unknown = (f"#{code & 0xFFFFFF:06x}", f"{code & 0xFFFFFF:06x}", 0)
     name, rgb, bricklink = _colours().get(code, unknown)
     red, green, blue = (component / 255 for component in bytes.fromhex(rgb))
-    return Colour(code, name, (red, green, blue), bricklink)
+    return Colour(
+        code,
+        name,
+        (red, green, blue),
+        bricklink,
+    )

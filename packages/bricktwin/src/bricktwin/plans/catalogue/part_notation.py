@@ -46,8 +46,11 @@ _WITHOUT_SOLIDS = (Fit.TURNTABLE, Fit.STUD, Fit.STUD_HOLE, Fit.BALL, Fit.SOCKET,
 is added to its part."""
 _NOTCH = "notch "
 _MODULE = 20.0
+"""LDU: distance between holes."""
 _WALL_RADIUS = 9.0
+"""LDU: outer radius of the tube around a hole."""
 _PIN_RADIUS = 6.0
+"""LDU: radius of what goes into a hole."""
 
 
 def points(text: str) -> list[Triple]:
@@ -66,22 +69,32 @@ def point(text: str) -> Triple:
 
 
 def _coordinates(text: str) -> list[float]:
-    values = []
+    """The values that a coordinate stands for, in order."""
+    values: list[float] = []
     for word in text.split(";"):
         ends, _, step = word.partition("/")
         first, _, last = ends.partition("..")
         if last:
-            start = float(first)
-            span = float(last) - float(first)
-            stride = math.copysign(float(step or _MODULE), span)
-            values += [start + stride * index for index in range(round(span / stride) + 1)]
-            continue
-        if first.startswith("±"):
+            values += _range(float(first), float(last), float(step or _MODULE))
+        elif first.startswith("±"):
             size = float(first[1:])
             values += [-size, size]
         else:
             values.append(float(first))
     return values
+
+
+def _range(
+    first: float,
+    last: float,
+    step: float,
+) -> list[float]:
+    """Values from the first one to the last one, both included."""
+    span = last - first
+    # It may run downwards, as from 60 to 0: the order of a beam's holes is that of its kinds.
+    stride = math.copysign(step, span)
+    count = round(span / stride) + 1
+    return [first + stride * index for index in range(count)]
 
 
 def sites(text: str, *, turns: bool = False) -> tuple[Site, ...]:
@@ -91,11 +104,20 @@ def sites(text: str, *, turns: bool = False) -> tuple[Site, ...]:
         head, _, centres = group.partition(":")
         fit, along, *tilt = head.split()
         axis, length = _axis(along)
+        # After the word `tilted`.
         tilt_deg = float(tilt[1]) if tilt else 0.0
-        found += [
-            Site(_FITS[fit], _tilted(centre, tilt_deg), _tilted(axis, tilt_deg), length, turns)
-            for centre in points(centres)
-        ]
+        tilted_axis = _tilted(axis, tilt_deg)
+        for centre in points(centres):
+            tilted_centre = _tilted(centre, tilt_deg)
+            found.append(
+                Site(
+                    _FITS[fit],
+                    tilted_centre,
+                    tilted_axis,
+                    length,
+                    turns,
+                )
+            )
     return tuple(found)
 
 
@@ -118,10 +140,17 @@ def beam(text: str) -> tuple[tuple[Site, ...], tuple[Solid, ...]]:
         _, along, kinds = head.split()
         (axis, thickness) = _axis(along)
         centres = points(places)
-        bars += [
-            bar(start, end, axis, 2 * _WALL_RADIUS, thickness)
-            for start, end in itertools.pairwise(centres)
-        ]
+        # A bar between each two holes; the tubes around the holes make its ends round.
+        for start, end in itertools.pairwise(centres):
+            bars.append(
+                bar(
+                    start,
+                    end,
+                    axis,
+                    2 * _WALL_RADIUS,
+                    thickness,
+                )
+            )
         for index, (kind, centre) in enumerate(zip(kinds, centres, strict=True)):
             if kind == "-":
                 continue
@@ -129,7 +158,14 @@ def beam(text: str) -> tuple[tuple[Site, ...], tuple[Solid, ...]]:
             neighbour = index - 1 if index else min(1, len(centres) - 1)
             arm = np.array(centre) - np.array(centres[neighbour])
             arm /= max(float(np.linalg.norm(arm)), 1e-9)
-            hole = Site(_FITS[kind], centre, axis, thickness, arm=triple(arm))
+            hole = Site(
+                _FITS[kind],
+                centre,
+                axis,
+                thickness,
+                arm=triple(arm),
+            )
+            # Of chains that meet, the first one says how the cross lies.
             found.setdefault(centre, hole)
     holes = tuple(found.values())
     return holes, (*bars, *_tubes(holes))
@@ -145,14 +181,16 @@ def solids(
     for group in _groups(text):
         shape = group.removeprefix(_NOTCH)
         made = list(_solids(shape.split(), part_sites))
-        if shape == group:
-            found += made
-        else:
+        is_notch = shape != group
+        if is_notch:
             notches += [(len(found), solid) for solid in made]
+        else:
+            found += made
     return tuple(found), tuple(notches)
 
 
 def _solids(words: list[str], part_sites: Iterable[Site]) -> Iterable[Solid]:
+    """The solids of a group, by its words."""
     match words:
         case ["tubes"]:
             return _tubes(part_sites)
@@ -161,12 +199,20 @@ def _solids(words: list[str], part_sites: Iterable[Site]) -> Iterable[Solid]:
         case ["ball", centre, radius]:
             return [ball(point(centre), float(radius))]
         case ["cylinder", along, centres, radius]:
-            return [cylinder(centre, *_axis(along), float(radius)) for centre in points(centres)]
-        case ["ring", along, centres, outer, inner]:
+            axis, length = _axis(along)
             return [
-                ring(centre, *_axis(along), float(outer), float(inner))
+                cylinder(
+                    centre,
+                    axis,
+                    length,
+                    float(radius),
+                )
                 for centre in points(centres)
             ]
+        case ["ring", along, centres, outer, inner]:
+            axis, length = _axis(along)
+            radii = (float(outer), float(inner))
+            return [ring(centre, axis, length, *radii) for centre in points(centres)]
     return ()
 
 
@@ -176,7 +222,14 @@ def _tubes(part_sites: Iterable[Site]) -> list[Solid]:
     for site in part_sites:
         if site.fit not in _WITHOUT_SOLIDS:
             radius = _PIN_RADIUS if site.fit.is_male else _WALL_RADIUS
-            found.append(cylinder(site.centre, site.axis, site.length, radius))
+            found.append(
+                cylinder(
+                    site.centre,
+                    site.axis,
+                    site.length,
+                    radius,
+                )
+            )
     return found
 
 
@@ -186,7 +239,13 @@ def gears(text: str) -> tuple[Gear, ...]:
     for group in _groups(text):
         form, teeth, along, centre, *further = group.split()
         axis, width = _axis(along)
-        gear = Gear(GearForm[form.upper()], int(teeth), point(centre), axis, width)
+        gear = Gear(
+            GearForm[form.upper()],
+            int(teeth),
+            point(centre),
+            axis,
+            width,
+        )
         for word in further:
             name, _, value = word.partition("=")
             if name == "up":

@@ -27,10 +27,15 @@ from bricktwin.plans.geometry import (
 )
 from bricktwin.plans.part import HOLE_RADIUS, Fit, Gear, GearForm, Part, Site
 
+# Sizes of parts, LDU.
 _STUD_RADIUS = 6.0
 _PIN_RADIUS = 6.0
 _BORE_RADIUS = 4.0
+"""The inside of a hollow pin."""
 _COLLAR_RADIUS = 7.8
+_COLLAR_WIDTH = 2.4
+_SLIT = (1.3, 9.0, 8.0)
+"""Half sizes of the slit in an end of a pin: its width, across the pin, and into it."""
 _RECESS_RADIUS = 8.0
 """The wider ends of a pin hole, into which a pin's collar goes."""
 _RECESS_DEPTH = 2.0
@@ -48,6 +53,7 @@ _MIN_TYRE_MM = 50.0
 """Wheels up to this diameter are of one material."""
 _PLAIN_GEARS = (GearForm.RACK, GearForm.WORM)
 """Gears whose teeth do not stand in a circle; they are drawn by their solids alone."""
+# The beginning of a cable, LDU.
 _CABLE_RADIUS = 5.0
 _CABLE_LENGTH = 14.0
 
@@ -100,7 +106,16 @@ def look_of(part: Part) -> tuple[Piece, ...]:
     # The order is part of the drawing: of two surfaces in one place, the earlier one is seen.
     for site in part.sites:
         if site.fit is Fit.STUD:
-            pieces.append(Piece(cylinder(site.centre, site.axis, site.length, _STUD_RADIUS)))
+            pieces.append(
+                Piece(
+                    cylinder(
+                        site.centre,
+                        site.axis,
+                        site.length,
+                        _STUD_RADIUS,
+                    )
+                )
+            )
     for site in part.sites:
         if site.fit is Fit.AXLE:
             pieces += [Piece(blade) for blade in _cross(site, *_BLADE, site.length)]
@@ -128,10 +143,11 @@ def _drawn_looks() -> dict[str, tuple[Piece, ...]]:
     looks: dict[str, tuple[Piece, ...]] = {}
     for row in read_table("bricktwin.plans.catalogue", "looks"):
         solids, notches = part_notation.solids(row["solids"])
+        tint = Tint[row["tint"].upper()]
         pieces = tuple(
-            Piece(solid, Tint[row["tint"].upper()], _cuts(number, notches))
-            for number, solid in enumerate(solids)
+            Piece(solid, tint, _cuts(number, notches)) for number, solid in enumerate(solids)
         )
+        # A row is for several parts, and a part has a row for each of its materials.
         for part in row["numbers"].split():
             looks[part] = (*looks.get(part, ()), *pieces)
     return looks
@@ -141,7 +157,12 @@ def _solids(part: Part) -> Iterator[Piece]:
     """The solids of the catalogue, without those of pins, axles and a gear's teeth, which have
     looks of their own."""
     bars = [
-        cylinder(site.centre, site.axis, site.length, _PIN_RADIUS)
+        cylinder(
+            site.centre,
+            site.axis,
+            site.length,
+            _PIN_RADIUS,
+        )
         for site in part.sites
         if site.fit is Fit.AXLE or _is_pin(site)
     ]
@@ -153,7 +174,16 @@ def _solids(part: Part) -> Iterator[Piece]:
         if is_toothed and part.gears[0].form not in _PLAIN_GEARS:
             root = min(solid.half[0], _root(part.gears[0]))
             half = (root, min(root, solid.half[1]), solid.half[2])
-            yield Piece(Solid(solid.form, solid.centre, half, solid.axes), Tint.MAIN, cuts)
+            yield Piece(
+                Solid(
+                    solid.form,
+                    solid.centre,
+                    half,
+                    solid.axes,
+                ),
+                Tint.MAIN,
+                cuts,
+            )
         elif solid not in bars:
             is_rubber = solid.form is Form.RING and solid.half[0] > rubber_radius
             yield Piece(solid, Tint.DARK if is_rubber else Tint.MAIN, cuts)
@@ -184,13 +214,28 @@ def _frame(site: Site) -> tuple[Triple, Triple, Triple]:
     return site.arm, triple(np.cross(site.axis, site.arm)), site.axis
 
 
-def _cross(site: Site, length: float, width: float, along: float) -> list[Solid]:
+def _cross(
+    site: Site,
+    length: float,
+    width: float,
+    along: float,
+) -> list[Solid]:
     """The two blades of a cross; half length and half width of one, and their length along the
     axis."""
-    return [
-        Solid(Form.BOX, site.centre, (x, y, along / 2), _frame(site))
-        for x, y in ((length, width), (width, length))
-    ]
+    frame = _frame(site)
+    first = Solid(
+        Form.BOX,
+        site.centre,
+        (length, width, along / 2),
+        frame,
+    )
+    second = Solid(
+        Form.BOX,
+        site.centre,
+        (width, length, along / 2),
+        frame,
+    )
+    return [first, second]
 
 
 def _hole(site: Site) -> list[Solid]:
@@ -199,7 +244,12 @@ def _hole(site: Site) -> list[Solid]:
         return _cross(site, *_CROSS, site.length + 1.0)
     # Longer than the hole, so that no film of material is left at its ends.
     length = site.length + 1.0
-    bore = cylinder(site.centre, site.axis, length, HOLE_RADIUS)
+    bore = cylinder(
+        site.centre,
+        site.axis,
+        length,
+        HOLE_RADIUS,
+    )
     depth = _RECESS_DEPTH + 0.5
     # In a thin part the two recesses would leave nothing between them.
     if site.length <= 3 * depth:
@@ -207,7 +257,14 @@ def _hole(site: Site) -> list[Solid]:
     recesses = []
     for side in (-1, 1):
         end = _along(site, side * (length - depth) / 2)
-        recesses.append(cylinder(end, site.axis, depth, _RECESS_RADIUS))
+        recesses.append(
+            cylinder(
+                end,
+                site.axis,
+                depth,
+                _RECESS_RADIUS,
+            )
+        )
     return [bore, *recesses]
 
 
@@ -215,7 +272,14 @@ def hole_ends(site: Site, offset: float) -> list[Solid]:
     """Solids that fill a hole and stand out of both of its ends."""
     if site.fit is Fit.AXLE_HOLE:
         return _cross(site, *_BLADE, site.length + 2 * offset)
-    return [cylinder(site.centre, site.axis, site.length + 2 * offset, _PIN_RADIUS)]
+    return [
+        cylinder(
+            site.centre,
+            site.axis,
+            site.length + 2 * offset,
+            _PIN_RADIUS,
+        )
+    ]
 
 
 def _along(site: Site, offset: float) -> Triple:
@@ -227,13 +291,27 @@ def _pin(site: Site) -> Iterator[Piece]:
     """A pin: hollow, its ends slit, with a collar a module from them."""
     frame = frame_of(site.axis)
     half = site.length / 2
-    slits = tuple(
-        Solid(Form.BOX, _along(site, side * half), (1.3, 9.0, 8.0), frame) for side in (-1, 1)
+    ends = (_along(site, -half), _along(site, half))
+    slits = tuple(Solid(Form.BOX, end, _SLIT, frame) for end in ends)
+    shaft = ring(
+        site.centre,
+        site.axis,
+        site.length,
+        _PIN_RADIUS,
+        _BORE_RADIUS,
     )
-    shaft = ring(site.centre, site.axis, site.length, _PIN_RADIUS, _BORE_RADIUS)
     yield Piece(shaft, Tint.MAIN, slits)
     for offset in _collars(site.length):
-        yield Piece(ring(_along(site, offset), site.axis, 2.4, _COLLAR_RADIUS, _BORE_RADIUS))
+        middle = _along(site, offset)
+        yield Piece(
+            ring(
+                middle,
+                site.axis,
+                _COLLAR_WIDTH,
+                _COLLAR_RADIUS,
+                _BORE_RADIUS,
+            )
+        )
 
 
 def _collars(length: float) -> tuple[float, ...]:
@@ -265,15 +343,25 @@ def _teeth(part: Part) -> Iterator[Solid]:
         tip = part.solids[0].half[0]
     # A gear's own solid ends below its teeth (`_solids`); parts of other families keep theirs.
     if part.family == "gears":
-        yield ring(gear.centre, gear.axis, width, root, max(root - 4.0, 5.0))
+        yield ring(
+            gear.centre,
+            gear.axis,
+            width,
+            root,
+            max(root - 4.0, 5.0),
+        )
     first, second, axis = (np.array(direction) for direction in frame_of(gear.axis))
     # A tooth begins a little below its root, so that there is no gap to the ring.
-    half = ((tip - root + 1.0) / 2, 0.23 * 2 * math.pi * 1.25, width / 2)
+    half_height = (tip - root + 1.0) / 2
+    # The pitch is 2 pi times 1.25 LDU for gears of any size; a tooth is a little less than half of
+    # it, and the gap between two a little more.
+    half_thickness = 0.23 * 2 * math.pi * 1.25
+    half = (half_height, half_thickness, width / 2)
     for tooth in range(gear.teeth):
         angle = 2 * math.pi * tooth / gear.teeth
-        out = math.cos(angle) * first + math.sin(angle) * second
-        centre = triple(np.array(gear.centre) + out * (root - 1.0 + tip) / 2)
-        axes = (triple(out), triple(np.cross(axis, out)), triple(axis))
+        outward = math.cos(angle) * first + math.sin(angle) * second
+        centre = triple(np.array(gear.centre) + outward * (root - 1.0 + tip) / 2)
+        axes = (triple(outward), triple(np.cross(axis, outward)), triple(axis))
         yield Solid(Form.BOX, centre, half, axes)
 
 
@@ -288,7 +376,15 @@ def _cable(part: Part) -> Iterator[Piece]:
     axis = int(np.argmax(np.abs(exit_place)))
     direction = triple(np.sign(exit_place[axis]) * np.eye(3)[axis])
     middle = plug + np.array(direction) * _CABLE_LENGTH / 2
-    yield Piece(cylinder(triple(middle), direction, _CABLE_LENGTH, _CABLE_RADIUS), Tint.DARK)
+    yield Piece(
+        cylinder(
+            triple(middle),
+            direction,
+            _CABLE_LENGTH,
+            _CABLE_RADIUS,
+        ),
+        Tint.DARK,
+    )
 
 
 def solids_meet(solid: Solid, other: Solid) -> bool:

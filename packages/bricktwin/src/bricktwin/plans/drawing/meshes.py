@@ -76,7 +76,10 @@ def _solid(solid: Solid) -> Floats:
 
 
 def _revolved(
-    profile: Sequence[tuple[float, float]], sides: int, phase: float, scale: Floats
+    profile: Sequence[tuple[float, float]],
+    sides: int,
+    phase: float,
+    scale: Floats,
 ) -> Floats:
     """Triangles [n, 3, 3] of a profile of (radius, height) that goes round the third axis."""
     turns = phase + np.arange(sides + 1) * 2 * math.pi / sides

@@ -33,11 +33,20 @@ class Piece:
 
     shapes: tuple[tuple[str, Shape], ...]
 
-    def at(self, x: float, y: float, z: float) -> "Piece":
+    def at(
+        self,
+        x: float,
+        y: float,
+        z: float,
+    ) -> "Piece":
         """The part, translated."""
         return Piece(tuple((colour, shape.at(x, y, z)) for colour, shape in self.shapes))
 
-    def turned(self, axis: Triple, angle_deg: float) -> "Piece":
+    def turned(
+        self,
+        axis: Triple,
+        angle_deg: float,
+    ) -> "Piece":
         """The part, rotated about an axis through the origin."""
         return Piece(
             tuple((colour, shape.turned(axis, angle_deg)) for colour, shape in self.shapes)
@@ -150,7 +159,12 @@ def medium_motor_case(width: float = 23.8) -> Piece:
     stripe = box(26, width + 1, 6, radius=0.8).at(-28, 0, 3)
     hole = discs(_HOLE_RADIUS, width + 1.2).along(Y_AXIS)
     holes = [hole.at(x, 0, -7) for x in (-16, -40)]
-    return piece(white=merge([front, housing]), dark_grey=cap, light_grey=stripe, dim=merge(holes))
+    return piece(
+        white=merge([front, housing]),
+        dark_grey=cap,
+        light_grey=stripe,
+        dim=merge(holes),
+    )
 
 
 def axle(length: float) -> Piece:
@@ -194,7 +208,11 @@ def ultrasonic_sensor() -> Piece:
     rims = [rim.at(11.2, y, 0) for y in eyes_y]
     membranes = [membrane.at(11.2, y, 0) for y in eyes_y]
     pupils = [pupil.at(12.6, y, 0) for y in eyes_y]
-    return piece(white=merge([case, *rims]), black=merge([face, *pupils]), dim=merge(membranes))
+    return piece(
+        white=merge([case, *rims]),
+        black=merge([face, *pupils]),
+        dim=merge(membranes),
+    )
 
 
 def ball_caster(radius: float) -> Piece:

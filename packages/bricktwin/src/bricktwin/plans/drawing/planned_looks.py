@@ -33,6 +33,7 @@ _DETAILED: dict[str, tuple[Callable[[], Piece], tuple[int, int, int]]] = {
 """Our drawings of electric parts, and the signed axes of the catalogue's parts that are x, y and z
 there (1 is a part's x)."""
 _WHEEL_AXES = (-1, -3, -2)
+"""The same of a wheel."""
 
 
 def looks_of(
@@ -62,15 +63,32 @@ def looks_of(
     can_hide = ldraw_library.folder() is None
     for placed in placed_parts:
         near = _touching(placed, placed_parts) if can_hide else []
-        shapes += _moved(placed, near, frame, shift_mm, only_turning=False)
+        shapes += _moved(
+            placed,
+            near,
+            frame,
+            shift_mm,
+            only_turning=False,
+        )
     # A shaft turns: what hides it now will not hide it later.
     for motor in motors:
-        shapes += _moved(motor, [], frame, shift_mm, only_turning=True)
+        shapes += _moved(
+            motor,
+            [],
+            frame,
+            shift_mm,
+            only_turning=True,
+        )
     return Piece(tuple(shapes))
 
 
 def _moved(
-    placed: Placed, others: list[Placed], frame: Floats, shift_mm: Floats, *, only_turning: bool
+    placed: Placed,
+    others: list[Placed],
+    frame: Floats,
+    shift_mm: Floats,
+    *,
+    only_turning: bool,
 ) -> Iterator[tuple[str, Shape]]:
     """Coloured shapes of a part, mm, without what other parts hide. ``frame``: from the plan to the
     body [3, 3]."""
@@ -94,15 +112,21 @@ def _touching(placed: Placed, parts: Iterable[Placed]) -> list[Placed]:
     return found
 
 
-def _uncovered(placed: Placed, shape: Shape, others: list[Placed]) -> Shape:
+def _uncovered(
+    placed: Placed,
+    shape: Shape,
+    others: list[Placed],
+) -> Shape:
     """A shape of a part without the triangles that other parts hide, which have material just
     outside."""
     samples = offset_points(placed.to_plan(shape.points)[shape.faces], _CLEARANCE)
     covered = np.zeros(samples.shape[:2], dtype=bool)
+    flat_samples = samples.reshape(-1, 3)
     for other in others:
-        points = other.to_part(samples.reshape(-1, 3))
+        points = other.to_part(flat_samples)
         for solid in other.part.solids:
-            covered |= solid.contains(points, 0.0).reshape(covered.shape)
+            is_inside = solid.contains(points, 0.0)
+            covered |= is_inside.reshape(covered.shape)
     # Only a triangle that is hidden at all of its samples goes.
     visible = shape.faces[~covered.all(axis=1)]
     # Points that no triangle uses any more go too, and the indices are those of what is left.
@@ -165,11 +189,8 @@ def _detailed(part: Part) -> list[tuple[str, Shape]]:
         axes = _WHEEL_AXES
     else:
         return []
-    # A rotation from the part's axes to ours.
-    turn = np.zeros((3, 3))
-    for row, axis in enumerate(axes):
-        turn[row, abs(axis) - 1] = np.sign(axis)
-    all_points_mm = np.concatenate([shape.points for _, shape in drawing.shapes])
+    turn = _rotation_to_drawing(axes)
+    all_points_mm = np.concatenate([shape.points for _, shape in drawing.shapes])  # [n, 3]
     points = all_points_mm @ turn / MM_PER_LDU
     low, high = part.bounds
     if device:
@@ -177,13 +198,23 @@ def _detailed(part: Part) -> list[tuple[str, Shape]]:
         case = part.solids[0].corners()
         low = case.min(axis=0)
         high = case.max(axis=0)
-    # Middle on middle.
+    # Middle on middle: the drawing and the catalogue have origins of their own.
     shift = (low + high - points.min(axis=0) - points.max(axis=0)) / 2
     placed = []
     for colour, shape in drawing.shapes:
         local = shape.points @ turn / MM_PER_LDU + shift
         placed.append((colour, Shape(local, shape.normals @ turn, shape.faces)))
     return placed
+
+
+def _rotation_to_drawing(axes: tuple[int, int, int]) -> Floats:
+    """Rotation [3, 3] from a part's axes to those of a drawing, which are signed axes of the
+    part."""
+    turn = np.zeros((3, 3))
+    for row, axis in enumerate(axes):
+        # Numbered from 1, as there is no -0.
+        turn[row, abs(axis) - 1] = np.sign(axis)
+    return turn
 
 
 @functools.lru_cache(maxsize=256)
@@ -207,7 +238,11 @@ def _of_library(part: Part, root: Path) -> tuple[tuple[str, Shape], ...]:
     return tuple(shapes)
 
 
-def cables_of(plan: Plan, parts: Iterable[int], origin_m: Floats) -> list[Piece]:
+def cables_of(
+    plan: Plan,
+    parts: Iterable[int],
+    origin_m: Floats,
+) -> list[Piece]:
     """Cables between the hub and the motors and sensors on the same body, in that body's frame,
     mm."""
     devices = [plan.parts[part] for part in parts if plan.parts[part].part.device is not None]

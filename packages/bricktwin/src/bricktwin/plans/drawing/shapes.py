@@ -37,11 +37,20 @@ class Shape:
     normals: Floats
     faces: NDArray[np.int32]
 
-    def at(self, x: float, y: float, z: float) -> "Shape":
+    def at(
+        self,
+        x: float,
+        y: float,
+        z: float,
+    ) -> "Shape":
         """The shape, translated."""
         return Shape(self.points + np.array([x, y, z]), self.normals, self.faces)
 
-    def turned(self, axis: Triple, angle_deg: float) -> "Shape":
+    def turned(
+        self,
+        axis: Triple,
+        angle_deg: float,
+    ) -> "Shape":
         """The shape, rotated about an axis through the origin."""
         turn = rotation(axis, math.radians(angle_deg))
         return Shape(self.points @ turn.T, self.normals @ turn.T, self.faces)
@@ -59,7 +68,13 @@ class Shape:
 # columns to the left, as `_grid` needs it.
 
 
-def box(length: float, width: float, height: float, radius: float = 0.6, arc: int = 2) -> Shape:
+def box(
+    length: float,
+    width: float,
+    height: float,
+    radius: float = 0.6,
+    arc: int = 2,
+) -> Shape:
     """Box along x, y, z with rounded edges, centred: a sphere whose octants are moved to the
     corners."""
     half = np.array([length, width, height]) / 2 - radius
@@ -89,7 +104,11 @@ def box(length: float, width: float, height: float, radius: float = 0.6, arc: in
     return Shape(points.reshape(-1, 3), normals.reshape(-1, 3), faces)
 
 
-def block(length: float, width: float, height: float) -> Shape:
+def block(
+    length: float,
+    width: float,
+    height: float,
+) -> Shape:
     """Box along x, y, z with sharp edges, centred: for small parts, at a tenth of the faces of a
     rounded one."""
     square = ((-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0))
@@ -110,14 +129,23 @@ def turned(profile: Sequence[tuple[float, float]]) -> Shape:
     down to its bottom; all edges are sharp."""
     widest = max(radius for radius, _ in profile)
     segments = circle_sides(widest, _CHORD_ERROR_MM)
-    angles = np.linspace(0.0, 2 * math.pi, segments, endpoint=False)
+    angles = np.linspace(
+        0.0,
+        2 * math.pi,
+        segments,
+        endpoint=False,
+    )
     rim = np.stack([np.cos(angles), np.sin(angles)], axis=-1)  # [segments, 2]
     # Each piece of the profile has points of its own, which is what keeps the edges sharp.
     bands = [_band(start, end, rim) for start, end in itertools.pairwise(profile)]
     return merge(bands)
 
 
-def _band(start: tuple[float, float], end: tuple[float, float], rim: Floats) -> Shape:
+def _band(
+    start: tuple[float, float],
+    end: tuple[float, float],
+    rim: Floats,
+) -> Shape:
     """One piece of a profile, from one (radius, z) to the next, around z along a rim [n, 2] of
     radius 1."""
     segments = len(rim)
@@ -143,7 +171,11 @@ def _band(start: tuple[float, float], end: tuple[float, float], rim: Floats) -> 
     return Shape(points.reshape(-1, 3), normals.reshape(-1, 3), np.concatenate(faces))
 
 
-def cylinder(radius: float, length: float, bevel: float = 0.0) -> Shape:
+def cylinder(
+    radius: float,
+    length: float,
+    bevel: float = 0.0,
+) -> Shape:
     """Disc or rod along z, centred."""
     half = length / 2
     edge = _bevelled(radius, half, bevel)
@@ -153,7 +185,11 @@ def cylinder(radius: float, length: float, bevel: float = 0.0) -> Shape:
     return turned([(0.0, half), *edge, (0.0, -half)])
 
 
-def _bevelled(radius: float, half: float, bevel: float) -> list[tuple[float, float]]:
+def _bevelled(
+    radius: float,
+    half: float,
+    bevel: float,
+) -> list[tuple[float, float]]:
     """The outside of a profile, (radius, z) from the top down, with bevels at both edges."""
     return [
         (radius - bevel, half),
@@ -163,9 +199,18 @@ def _bevelled(radius: float, half: float, bevel: float) -> list[tuple[float, flo
     ]
 
 
-def discs(radius: float, distance: float, segments: int = 10) -> Shape:
+def discs(
+    radius: float,
+    distance: float,
+    segments: int = 10,
+) -> Shape:
     """The two ends of a cylinder along z, centred: the visible part of a hole."""
-    angles = np.linspace(0.0, 2 * math.pi, segments, endpoint=False)
+    angles = np.linspace(
+        0.0,
+        2 * math.pi,
+        segments,
+        endpoint=False,
+    )
     ends = []
     for up in (1.0, -1.0):
         x = radius * np.cos(angles)
@@ -178,7 +223,11 @@ def discs(radius: float, distance: float, segments: int = 10) -> Shape:
     return merge(ends)
 
 
-def ring(outer: float, inner: float, length: float) -> Shape:
+def ring(
+    outer: float,
+    inner: float,
+    length: float,
+) -> Shape:
     """Flat ring along z, centred."""
     half = length / 2
     # The two bevels of a thin ring may not meet.
@@ -187,7 +236,11 @@ def ring(outer: float, inner: float, length: float) -> Shape:
     return turned([(inner, -half), (inner, half), *edge, (inner, -half)])
 
 
-def extruded(outline: Floats, height: float, bevel: float = 0.4) -> Shape:
+def extruded(
+    outline: Floats,
+    height: float,
+    bevel: float = 0.4,
+) -> Shape:
     """Convex outline [n, 2] in x, y, counter-clockwise, extruded along z, centred, with bevelled
     edges."""
     # The normal of a corner is across the line between its two neighbours.
@@ -216,7 +269,11 @@ def extruded(outline: Floats, height: float, bevel: float = 0.4) -> Shape:
     return merge(shapes)
 
 
-def rounded_rectangle(length: float, width: float, radius: float) -> Floats:
+def rounded_rectangle(
+    length: float,
+    width: float,
+    radius: float,
+) -> Floats:
     """Outline [n, 2] of a rectangle along x, y with round corners, counter-clockwise."""
     # Pieces of a quarter of the circle, rounded up: the quarters must be equal.
     arc = -(-circle_sides(radius, _CHORD_ERROR_MM) // 4)
@@ -228,7 +285,12 @@ def rounded_rectangle(length: float, width: float, radius: float) -> Floats:
     return outline
 
 
-def tube(points: Sequence[Triple], radius: float, steps: int = 14, segments: int = 8) -> Shape:
+def tube(
+    points: Sequence[Triple],
+    radius: float,
+    steps: int = 14,
+    segments: int = 8,
+) -> Shape:
     """Tube along a Bezier curve with these control points."""
     path = _bezier(points, steps)
     direction = np.gradient(path, axis=0)  # [steps, 3]
@@ -242,7 +304,12 @@ def tube(points: Sequence[Triple], radius: float, steps: int = 14, segments: int
         across = across / np.linalg.norm(across)
         first[step] = across
     second = np.cross(direction, first)
-    angles = np.linspace(0.0, 2 * math.pi, segments, endpoint=False)
+    angles = np.linspace(
+        0.0,
+        2 * math.pi,
+        segments,
+        endpoint=False,
+    )
     cosines = np.cos(angles)[None, :, None]
     sines = np.sin(angles)[None, :, None]
     normals = cosines * first[:, None] + sines * second[:, None]  # [steps, segments, 3]

@@ -104,7 +104,10 @@ class Articulation:
 
     def body_of(self, part: int) -> int | None:
         """Index of the body with a part; ``None`` for a rod, or a part that is not connected."""
-        return next((number for number, body in enumerate(self.bodies) if part in body.parts), None)
+        for number, body in enumerate(self.bodies):
+            if part in body.parts:
+                return number
+        return None
 
     @property
     def joints(self) -> list[Hinge]:
@@ -129,21 +132,31 @@ def articulation(mechanism: Mechanism, trains: tuple[Train, ...]) -> Articulatio
 class _Simplifier:
     """Stepwise simplification of a mechanism."""
 
-    def __init__(self, mechanism: Mechanism, trains: tuple[Train, ...]) -> None:
+    def __init__(
+        self,
+        mechanism: Mechanism,
+        trains: tuple[Train, ...],
+    ) -> None:
         self.mechanism = mechanism
         self.trains = trains
         self.merged_into = np.arange(len(mechanism.links))
-        """For each link, the one that it has been merged into."""
+        """For each link, the one that it has been merged into; itself, if it has not."""
         self.hinges = dict(enumerate(mechanism.hinges))
         self.followers: list[tuple[int, Hinge, str, float]] = []
         self.rods: list[tuple[int, Hinge, Hinge]] = []
         self.armature: dict[str, float] = {}
         self.coupled = {number for train in trains for number in train.hinges}
+        # Wheels, hub, sensors and the base stay bodies of their own, however light.
         self.preserved = {wheel.link for wheel in mechanism.wheels} | set(mechanism.devices)
         self.preserved.add(mechanism.fixed or 0)
 
-    def _merge(self, link: int, other: int) -> None:
+    def _merge(
+        self,
+        link: int,
+        other: int,
+    ) -> None:
         """Merge a link into another one."""
+        # With all that has been merged into it before.
         self.merged_into[self.merged_into == link] = self.merged_into[other]
 
     def _hinges_of(self, link: int) -> list[int]:
@@ -163,10 +176,16 @@ class _Simplifier:
                 carrier = hinge.parent
                 if not is_child:
                     link, carrier = carrier, link
+                # A train may end with a shaft that carries something: that one is a real joint.
                 is_alone = len(self._hinges_of(link)) == 1 and link not in self.preserved
                 if not is_alone or hinge is output:
                     continue
-                if not is_balanced(self.mechanism, hinge, link, _BALANCED_KG_M):
+                if not is_balanced(
+                    self.mechanism,
+                    hinge,
+                    link,
+                    _BALANCED_KG_M,
+                ):
                     continue
                 inertia = float(hinge.axis @ self.mechanism.links[link].inertia @ hinge.axis)
                 sign = 1.0 if link == hinge.child else -1.0
@@ -182,7 +201,12 @@ class _Simplifier:
         for link, numbers in self._light_links():
             hinges = [self.hinges[number] for number in numbers]
             is_shaft = bool(hinges) and all(share_axis(hinges[0], hinge) for hinge in hinges)
-            if is_shaft and is_balanced(self.mechanism, hinges[0], link, _BALANCED_KG_M):
+            if is_shaft and is_balanced(
+                self.mechanism,
+                hinges[0],
+                link,
+                _BALANCED_KG_M,
+            ):
                 self._merge(link, self._other_end(hinges[0], link))
                 del self.hinges[numbers[0]]
         # Two links have one hinge about an axis: of several, one that a motor turns, or the first.
@@ -224,7 +248,11 @@ class _Simplifier:
                 for number in numbers:
                     del self.hinges[number]
 
-    def _is_in_loop(self, link: int, numbers: list[int]) -> bool:
+    def _is_in_loop(
+        self,
+        link: int,
+        numbers: list[int],
+    ) -> bool:
         """Whether the link's neighbours are connected without it."""
         others = self.hinges.keys() - set(numbers)
         neighbours = graph_of(self._ends(self.hinges[number]) for number in others)
@@ -233,7 +261,11 @@ class _Simplifier:
         end = self._other_end(second, link)
         return end in reached([start], neighbours)
 
-    def _other_end(self, hinge: Hinge, link: int) -> int:
+    def _other_end(
+        self,
+        hinge: Hinge,
+        link: int,
+    ) -> int:
         """The first link of a hinge that is not this one."""
         return next(other for other in self._ends(hinge) if other != link)
 
@@ -245,30 +277,12 @@ class _Simplifier:
         """The tree of the remaining links from the first body on, and the loops."""
         mechanism = self.mechanism
         base = int(self.merged_into[mechanism.fixed or 0])
-        # Geared joints first: they must be in the tree, as a loop is closed by a soft constraint.
-        order = [base]
-        tree = []
-        loops = []
-        remaining = sorted(self.hinges, key=lambda number: number not in self.coupled)
-        while remaining:
-            ends = {number: self._ends(self.hinges[number]) for number in remaining}
-            open_ends = [
-                number
-                for number in remaining
-                if (ends[number][0] in order) != (ends[number][1] in order)
-            ]
-            if not open_ends:
-                loops += [number for number in remaining if set(ends[number]) <= set(order)]
-                break
-            number = open_ends[0]
-            remaining.remove(number)
-            order.append(next(link for link in ends[number] if link not in order))
-            tree.append(number)
-        body_of = {
-            link: order.index(root)
-            for link, root in enumerate(self.merged_into.tolist())
-            if root in order
-        }
+        order, tree, loops = self._tree(base)
+        # Links that were merged into a body are on it too; what is not connected is on none.
+        body_of: dict[int, int] = {}
+        for link, root in enumerate(self.merged_into.tolist()):
+            if root in order:
+                body_of[link] = order.index(root)
         joints = {number: _joint(self.hinges[number], body_of) for number in (*tree, *loops)}
         # Seen from outside, a clockwise turn is against the shaft's direction.
         flipped = {number: replace(joint, axis=-joint.axis) for number, joint in joints.items()}
@@ -277,20 +291,41 @@ class _Simplifier:
         for train in self.trains:
             armature = self.armature[train.port]
             joint = flipped[train.output]
-            drives.append(Drive(train.port, joint, 1.0 / train.ratio, armature, train.teeth))
-            # The others have become followers.
-            geared += [
-                Geared(train.port, flipped[number], ratio / train.ratio)
-                for number, ratio in train.others
-                if number in joints
-            ]
+            drives.append(
+                Drive(
+                    train.port,
+                    joint,
+                    1.0 / train.ratio,
+                    armature,
+                    train.teeth,
+                )
+            )
+            for number, ratio in train.others:
+                # Those that are no joints any more have become followers.
+                if number in joints:
+                    geared.append(Geared(train.port, flipped[number], ratio / train.ratio))
         followers = []
         for link, hinge, port, ratio in self.followers:
             parts = mechanism.links[link].parts
             point_m = hinge.point_m
-            followers.append(Follower(body_of[link], parts, point_m, hinge.axis, port, ratio))
+            followers.append(
+                Follower(
+                    body_of[link],
+                    parts,
+                    point_m,
+                    hinge.axis,
+                    port,
+                    ratio,
+                )
+            )
         rods = tuple(
-            _rod(mechanism.links[link], first, second, link, body_of)
+            _rod(
+                mechanism.links[link],
+                first,
+                second,
+                link,
+                body_of,
+            )
             for link, first, second in self.rods
         )
         return Articulation(
@@ -305,8 +340,45 @@ class _Simplifier:
             wheels=tuple(replace(wheel, link=body_of[wheel.link]) for wheel in mechanism.wheels),
         )
 
+    def _tree(self, base: int) -> tuple[list[int], list[int], list[int]]:
+        """The links from the first body on, parents first; the hinges of their tree, each with the
+        link that it adds; and the hinges that close loops."""
+        order = [base]
+        tree: list[int] = []
+        # A motor turns a joint of the tree; what closes a loop is a constraint, which nothing can
+        # turn. So geared joints come first.
+        remaining = sorted(self.hinges, key=lambda number: number not in self.coupled)
+        while remaining:
+            number = self._next_hinge(remaining, order)
+            if number is None:
+                break
+            remaining.remove(number)
+            ends = self._ends(self.hinges[number])
+            order.append(next(link for link in ends if link not in order))
+            tree.append(number)
+        # Hinges of what is not connected to the base remain as well, and are left out.
+        loops = [
+            number for number in remaining if set(self._ends(self.hinges[number])) <= set(order)
+        ]
+        return order, tree, loops
+
+    def _next_hinge(
+        self,
+        remaining: list[int],
+        order: list[int],
+    ) -> int | None:
+        """The first hinge between a link that is in the tree and one that is not."""
+        for number in remaining:
+            first, second = self._ends(self.hinges[number])
+            if (first in order) != (second in order):
+                return number
+        return None
+
     def _bodies(
-        self, count: int, body_of: dict[int, int], rods: tuple[Rod, ...]
+        self,
+        count: int,
+        body_of: dict[int, int],
+        rods: tuple[Rod, ...],
     ) -> tuple[Link, ...]:
         """The bodies: their links, and half of the mass of each rod at either of its ends."""
         links = self.mechanism.links
@@ -327,11 +399,20 @@ def _joint(hinge: Hinge, body_of: dict[int, int]) -> Hinge:
     child = body_of[hinge.child]
     sign = 1 if parent < child else -1
     return replace(
-        hinge, parent=min(parent, child), child=max(parent, child), axis=sign * hinge.axis
+        hinge,
+        parent=min(parent, child),
+        child=max(parent, child),
+        axis=sign * hinge.axis,
     )
 
 
-def _rod(link: Link, first: Hinge, second: Hinge, number: int, body_of: dict[int, int]) -> Rod:
+def _rod(
+    link: Link,
+    first: Hinge,
+    second: Hinge,
+    number: int,
+    body_of: dict[int, int],
+) -> Rod:
     """A link as a rod; two pins are moved to the plane of the first one."""
     near = first.parent if first.child == number else first.child
     far = second.parent if second.child == number else second.child
@@ -339,4 +420,10 @@ def _rod(link: Link, first: Hinge, second: Hinge, number: int, body_of: dict[int
     if not first.is_ball:
         shift = float((second.point_m - first.point_m) @ first.axis)
     far_m = second.point_m - shift * first.axis
-    return Rod(body_of[near], first.point_m, body_of[far], far_m, link.parts)
+    return Rod(
+        body_of[near],
+        first.point_m,
+        body_of[far],
+        far_m,
+        link.parts,
+    )

@@ -143,13 +143,27 @@ def mechanism(plan: Plan, bodies: Bodies) -> Mechanism:
         if placed.part.wheel_mm:
             centre_m = point_m_of(placed.position)
             link = link_of[placed.index]
-            wheels.append(Wheel(link, centre_m, placed.part.wheel_mm, placed.index))
+            wheels.append(
+                Wheel(
+                    link,
+                    centre_m,
+                    placed.part.wheel_mm,
+                    placed.index,
+                )
+            )
     carried = plan.devices(DeviceKind.HUB, DeviceKind.SENSOR)
     devices = tuple(link_of[placed.index] for placed in carried if placed.index in link_of)
     fixed_links = [link_of[placed.index] for placed in connected if placed.is_fixed]
-    fixed = fixed_links[0] if fixed_links else None
-    meshes = bodies.meshes
-    return Mechanism(tuple(links), hinges, ports, ratios, tuple(wheels), devices, meshes, fixed)
+    return Mechanism(
+        tuple(links),
+        hinges,
+        ports,
+        ratios,
+        tuple(wheels),
+        devices,
+        bodies.meshes,
+        fixed=fixed_links[0] if fixed_links else None,
+    )
 
 
 def _hinges(plan: Plan, bodies: Bodies) -> list[tuple[BodyJoint, Hinge]]:
@@ -196,7 +210,14 @@ def _is_same_axis(joint: BodyJoint, other: BodyJoint) -> bool:
     """Whether two joints between the same two bodies are one hinge; a ball joint is none."""
     if joint.is_ball or other.is_ball:
         return False
-    return lines_coincide(other.point, other.axis, joint.point, joint.axis, offset=2.0, sine=0.05)
+    return lines_coincide(
+        other.point,
+        other.axis,
+        joint.point,
+        joint.axis,
+        offset=2.0,
+        sine=0.05,
+    )
 
 
 def point_m_of(point: Floats) -> Floats:
@@ -209,13 +230,19 @@ def _bare_shaft(plan: Plan, motor: int) -> Link:
     placed = plan.parts[motor]
     site = next(site for site in placed.part.sites if site.turns)
     inertia = np.eye(3) * _SHAFT_KG * _SHAFT_RADIUS_M**2
-    return Link((), _SHAFT_KG, point_m_of(placed.point(site.centre)), inertia)
+    return Link(
+        (),
+        _SHAFT_KG,
+        point_m_of(placed.point(site.centre)),
+        inertia,
+    )
 
 
 def merged(links: list[Link]) -> Link:
     """Links merged into one rigid body."""
     mass = sum(link.mass_kg for link in links)
-    centre = np.asarray(sum(link.mass_kg * link.centre_m for link in links) / mass)
+    first_moment = sum(link.mass_kg * link.centre_m for link in links)  # [3]
+    centre = np.asarray(first_moment / mass)
     inertia = np.zeros((3, 3))
     for link in links:
         # The parallel axis theorem (Steiner).
@@ -232,7 +259,12 @@ def _part_link(placed: Placed) -> Link:
     centre, inertia = _unit_inertia(placed.part)
     turn = TO_TWIN @ placed.rotation
     centre_m = point_m_of(placed.point(centre))
-    return Link((placed.index,), mass, centre_m, mass * turn @ inertia @ turn.T)
+    return Link(
+        (placed.index,),
+        mass,
+        centre_m,
+        mass * turn @ inertia @ turn.T,
+    )
 
 
 @functools.lru_cache(maxsize=512)
@@ -323,7 +355,14 @@ def trains(mechanism: Mechanism, path: str) -> tuple[Train, ...]:
                 f"{path}: the motor of port {port} drives the same part as another one, or "
                 "nothing; remove it"
             )
-        result.append(_train(mechanism, neighbours, shafts[0], column))
+        result.append(
+            _train(
+                mechanism,
+                neighbours,
+                shafts[0],
+                column,
+            )
+        )
     driven = Counter(hinge for train in result for hinge in train.hinges)
     shared = {hinge for hinge, count in driven.items() if count > 1}
     if shared:
@@ -335,7 +374,10 @@ def trains(mechanism: Mechanism, path: str) -> tuple[Train, ...]:
 
 
 def _train(
-    mechanism: Mechanism, neighbours: dict[int, list[tuple[int, int, int]]], index: int, column: int
+    mechanism: Mechanism,
+    neighbours: dict[int, list[tuple[int, int, int]]],
+    index: int,
+    column: int,
 ) -> Train:
     """The train of the motor with shaft hinge ``index``."""
     shaft = mechanism.hinges[index]
@@ -364,16 +406,24 @@ def _train(
             is_of_link = bool(teeth) and is_free and link in (hinge.parent, hinge.child)
             if is_of_link and abs(ratio - _ratio(teeth)) < 0.02 * ratio:
                 hinges.setdefault(number, teeth)
-    # The output is what carries most, and with equal loads the one with the fewest gears.
-    output = max(
-        hinges, key=lambda number: (_weight(mechanism, number), -len(hinges[number]), -number)
-    )
+
+    def rank(number: int) -> tuple[tuple[bool, float], int, int]:
+        # What carries most, and with equal loads what has the fewest gears, or comes first.
+        return _weight(mechanism, number), -len(hinges[number]), -number
+
+    output = max(hinges, key=rank)
     # The teeth say the ratio exactly, the motions its sign.
-    exact = {
-        number: math.copysign(_ratio(teeth), ratios[number]) for number, teeth in hinges.items()
-    }
+    exact: dict[int, float] = {}
+    for number, teeth in hinges.items():
+        exact[number] = math.copysign(_ratio(teeth), ratios[number])
     others = tuple((number, ratio) for number, ratio in exact.items() if number != output)
-    return Train(mechanism.ports[column], output, exact[output], hinges[output], others)
+    return Train(
+        mechanism.ports[column],
+        output,
+        exact[output],
+        hinges[output],
+        others,
+    )
 
 
 def _ratio(teeth: tuple[int, ...]) -> float:
@@ -392,7 +442,12 @@ def _weight(mechanism: Mechanism, number: int) -> tuple[bool, float]:
     return any(wheel.link in carried for wheel in mechanism.wheels), round(mass_kg, 6)
 
 
-def is_balanced(mechanism: Mechanism, hinge: Hinge, link: int, max_kg_m: float) -> bool:
+def is_balanced(
+    mechanism: Mechanism,
+    hinge: Hinge,
+    link: int,
+    max_kg_m: float,
+) -> bool:
     """Whether a link's centre of mass is close to a hinge's axis."""
     body = mechanism.links[link]
     offset: Floats = np.cross(body.centre_m - hinge.point_m, hinge.axis)
@@ -403,5 +458,10 @@ def share_axis(first: Hinge, second: Hinge) -> bool:
     """Whether two hinges share an axis; a ball joint has none."""
     is_ball = first.is_ball or second.is_ball
     return not is_ball and lines_coincide(
-        first.point_m, first.axis, second.point_m, second.axis, offset=_COAXIAL_M, sine=0.02
+        first.point_m,
+        first.axis,
+        second.point_m,
+        second.axis,
+        offset=_COAXIAL_M,
+        sine=0.02,
     )

@@ -64,7 +64,13 @@ def driving_robot(robot: Robot, scene: Scene) -> mujoco.MjSpec:
         if motor not in frame.driving:
             # Nobody says what it drives: it turns without load.
             at_m = (0.0, 0.0, 0.08)
-            mjcf.add_rotor(spec, chassis, motor, at_m, gear=motor.shaft_turns)
+            mjcf.add_rotor(
+                spec,
+                chassis,
+                motor,
+                at_m,
+                gear=motor.shaft_turns,
+            )
 
     # Looks, lights and cameras.
     mjcf.add_colours(spec)
@@ -97,7 +103,11 @@ class _Frame:
         driving: the driving motors, and their sides: 1 for the left, -1 for the right.
     """
 
-    def __init__(self, robot: Robot, base: DriveBase) -> None:
+    def __init__(
+        self,
+        robot: Robot,
+        base: DriveBase,
+    ) -> None:
         self.robot = robot
         left = robot.motor(base.left)
         right = robot.motor(base.right)
@@ -169,7 +179,13 @@ class _Frame:
         x, y = self.robot.chassis.caster_mm
         height_mm = _CASTER_RADIUS_MM - self.axle
         centre_m = (x / 1000, y / 1000, height_mm / 1000)
-        mjcf.add_caster(chassis, "caster", centre_m, _CASTER_RADIUS_MM / 1000, _CASTER_KG)
+        mjcf.add_caster(
+            chassis,
+            "caster",
+            centre_m,
+            _CASTER_RADIUS_MM / 1000,
+            _CASTER_KG,
+        )
 
     def add_wheel(
         self,
@@ -181,7 +197,13 @@ class _Frame:
         """Add a motor's geared output and the wheel on it with backlash; a positive turn of both
         drives forward."""
         hub_m = (0.0, side * self.half_track / 1000, 0.0)
-        rotor = mjcf.add_rotor(spec, chassis, motor, hub_m, gear=motor.shaft_turns)
+        rotor = mjcf.add_rotor(
+            spec,
+            chassis,
+            motor,
+            hub_m,
+            gear=motor.shaft_turns,
+        )
         wheel = mjcf.add_driven(
             rotor,
             f"wheel_{motor.port}",
@@ -280,7 +302,11 @@ def _hub(kind: AnyHub, size: Triple) -> Piece:
     )
 
 
-def _motor(kind: MotorKind, size: Triple, side: float) -> Piece:
+def _motor(
+    kind: MotorKind,
+    size: Triple,
+    side: float,
+) -> Piece:
     """Motor that extends backwards from its shaft, which points to a side; the shaft is the
     origin."""
     draw_motor = _DRAWINGS.get(kind.model.like or kind.value)

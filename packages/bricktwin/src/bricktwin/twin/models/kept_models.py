@@ -34,7 +34,9 @@ def robot_model(robot: Robot, scene: Scene) -> mujoco.MjModel:
 
 
 def kept_model(
-    build: Callable[[], mujoco.MjSpec], robots: Sequence[Robot], surroundings: object
+    build: Callable[[], mujoco.MjSpec],
+    robots: Sequence[Robot],
+    surroundings: object,
 ) -> mujoco.MjModel:
     """Compiled model, or the equal one of an earlier process. It is not kept if a function of the
     user makes a robot's model. Raises TwinError if it does not compile.

@@ -31,7 +31,11 @@ from bricktwin.twin.models.scenery import add_objects
 from bricktwin.twin.scene import Scene
 
 
-def from_file(path: Path, robot: Robot, scene: Scene) -> mujoco.MjSpec:
+def from_file(
+    path: Path,
+    robot: Robot,
+    scene: Scene,
+) -> mujoco.MjSpec:
     """Model in an MJCF file, with the robot's motors and sensors, in its scene. Raises TwinError if
     the file cannot be read, is no MJCF, or lacks a joint or a site of the description."""
     if not path.is_file():
@@ -53,7 +57,13 @@ def from_file(path: Path, robot: Robot, scene: Scene) -> mujoco.MjSpec:
     # Elements are found by the names of the description, and get those that wire them.
     hinges = [joint for joint in spec.joints if joint.type == mujoco.mjtJoint.mjJNT_HINGE]
     for motor in robot.motors:
-        joint = _named(hinges, motor.name, "hinge", path, robot)
+        joint = _named(
+            hinges,
+            motor.name,
+            "hinge",
+            path,
+            robot,
+        )
         joint.name = f"motor_{motor.port}"
         mjcf.add_motor(
             spec,
@@ -63,7 +73,13 @@ def from_file(path: Path, robot: Robot, scene: Scene) -> mujoco.MjSpec:
             gear=motor.shaft_turns,
         )
     for sensor in robot.sensors:
-        site = _named(spec.sites, sensor.name, "site", path, robot)
+        site = _named(
+            spec.sites,
+            sensor.name,
+            "site",
+            path,
+            robot,
+        )
         _require_first(site, base, path)
         site.name = site_name(sensor)
         if Sense.FORCE in sensor.kind.model.senses:
@@ -92,7 +108,11 @@ def from_file(path: Path, robot: Robot, scene: Scene) -> mujoco.MjSpec:
     return spec
 
 
-def _require_first(site: mujoco.MjsSite, base: mujoco.MjsBody, path: Path) -> None:
+def _require_first(
+    site: mujoco.MjsSite,
+    base: mujoco.MjsBody,
+    path: Path,
+) -> None:
     """Raise TwinError unless a site is on the first body."""
     if site.parent.name != base.name:
         raise TwinError(
@@ -118,7 +138,12 @@ def _named(
     )
 
 
-def load_model(robot: Robot, scene: Scene, *, alone: bool = True) -> mujoco.MjSpec:
+def load_model(
+    robot: Robot,
+    scene: Scene,
+    *,
+    alone: bool = True,
+) -> mujoco.MjSpec:
     """Model of the robot in its scene. Raises TwinError if the description has neither a model nor
     a drive base, or the model cannot be loaded or does not match the robot.
 
@@ -157,7 +182,11 @@ def load_model(robot: Robot, scene: Scene, *, alone: bool = True) -> mujoco.MjSp
     return spec
 
 
-def _set_end_stops(spec: mujoco.MjSpec, robot: Robot, motor: Motor) -> None:
+def _set_end_stops(
+    spec: mujoco.MjSpec,
+    robot: Robot,
+    motor: Motor,
+) -> None:
     """Limit the joint of a motor to the end stops of its description. Raises TwinError if it does
     not start between them."""
     if motor.end_stops_deg is None:
@@ -180,7 +209,11 @@ def _set_end_stops(spec: mujoco.MjSpec, robot: Robot, motor: Motor) -> None:
     joint.range = [low, high]
 
 
-def _from_function(robot: Robot, model: str, scene: Scene) -> mujoco.MjSpec:
+def _from_function(
+    robot: Robot,
+    model: str,
+    scene: Scene,
+) -> mujoco.MjSpec:
     """Model from the function ``module:name``."""
     module, _, name = model.partition(":")
     try:

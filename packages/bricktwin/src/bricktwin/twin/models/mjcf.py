@@ -266,7 +266,13 @@ def add_surroundings(spec: mujoco.MjSpec, scene: Scene) -> None:
         distance_m = 1.95
     if scene.objects:
         target, distance_m = overview_of(scene)
-    add_camera(world, "overview", target, (-0.18, -1.0, 0.72), distance_m)
+    add_camera(
+        world,
+        "overview",
+        target,
+        (-0.18, -1.0, 0.72),
+        distance_m,
+    )
 
 
 def _add_wall(world: mujoco.MjsBody) -> None:
@@ -384,7 +390,10 @@ def add_webcam(world: mujoco.MjsBody) -> None:
     """Add the camera of the RoboArm's camera task, which looks down. Its image has the robot's
     front at the bottom and its left on the right."""
     world.add_camera(
-        name="webcam", pos=[0.0, 0.0, WEBCAM_HEIGHT_M], xyaxes=[0, 1, 0, -1, 0, 0], fovy=45
+        name="webcam",
+        pos=[0.0, 0.0, WEBCAM_HEIGHT_M],
+        xyaxes=[0, 1, 0, -1, 0, 0],
+        fovy=45,
     )
 
 
@@ -450,8 +459,18 @@ def _add_looks(spec: mujoco.MjSpec) -> None:
         width=64,
         height=64,
     )
-    _add_tiles(spec, "floor", _floor_tile(), (0.2, 0.2))
-    _add_tiles(spec, "bricks", _brick_tile(), (0.128, 0.064))
+    _add_tiles(
+        spec,
+        "floor",
+        _floor_tile(),
+        (0.2, 0.2),
+    )
+    _add_tiles(
+        spec,
+        "bricks",
+        _brick_tile(),
+        (0.128, 0.064),
+    )
 
 
 def _add_tiles(
@@ -547,7 +566,12 @@ def draw(
     for colour, shapes in by_colour.items():
         if colour.startswith("#") and spec.material(colour) is None:
             rgba = [value / 255 for value in bytes.fromhex(colour[1:])]
-            spec.add_material(name=colour, rgba=rgba, specular=0.35, shininess=0.5)
+            spec.add_material(
+                name=colour,
+                rgba=rgba,
+                specular=0.35,
+                shininess=0.5,
+            )
         shape = merge(shapes)
         mesh_name = f"{name or body.name}_{colour}"
         points_m = shape.points / 1000

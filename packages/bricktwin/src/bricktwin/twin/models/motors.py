@@ -123,7 +123,13 @@ def motor_constants(kind: MotorKind) -> MotorConstants:
         drag_nm_s = stall_nm / free_rad_s
         ohm = sheet.ohm
     inertia_kg_m2 = PRESCALE_ACCELERATION / model.torque_by_acceleration * per_rad
-    return MotorConstants(torque_nm_v, drag_nm_s, inertia_kg_m2, friction_nm, ohm)
+    return MotorConstants(
+        torque_nm_v,
+        drag_nm_s,
+        inertia_kg_m2,
+        friction_nm,
+        ohm,
+    )
 
 
 def _blocked_ohm(kind: MotorKind) -> float:

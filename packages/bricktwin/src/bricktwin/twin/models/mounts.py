@@ -63,7 +63,11 @@ def hub_axes(sides: tuple[str, ...]) -> Floats:
     return np.column_stack([front, left, top])
 
 
-def add_hub_site(body: mujoco.MjsBody, axes: Floats, at_m: Triple = (0.0, 0.0, 0.0)) -> None:
+def add_hub_site(
+    body: mujoco.MjsBody,
+    axes: Floats,
+    at_m: Triple = (0.0, 0.0, 0.0),
+) -> None:
     """Add the site of a hub. ``axes``: rotation matrix [3, 3] from the hub's axes to the body's."""
     turn = np.empty(4)
     mujoco.mju_mat2Quat(turn, axes.ravel())
@@ -104,7 +108,13 @@ def mount_sensor(
     size, mass_g = case or _UNKNOWN_SENSOR
     axis, angle_deg = _turn_to(gaze)
     turn = quaternion(axis, math.radians(angle_deg))
-    add_sensor_site(spec, chassis, sensor, eye / 1000, turn)
+    add_sensor_site(
+        spec,
+        chassis,
+        sensor,
+        eye / 1000,
+        turn,
+    )
 
     if Sense.FORCE in sensor.kind.model.senses:
         # What touches the button must not touch the case, whose contacts nothing measures.
@@ -113,8 +123,21 @@ def mount_sensor(
         half_length = max(size) / 2
         case_middle = eye - gaze * (half_length + _BUTTON_MM)
         case_kg = mass_g / 1000 - _BUTTON_KG
-        add_box(chassis, button_middle, button_size, _BUTTON_KG, turn=turn)
-        add_box(chassis, case_middle, size, case_kg, turn=turn, collides=False)
+        add_box(
+            chassis,
+            button_middle,
+            button_size,
+            _BUTTON_KG,
+            turn=turn,
+        )
+        add_box(
+            chassis,
+            case_middle,
+            size,
+            case_kg,
+            turn=turn,
+            collides=False,
+        )
         drawing = _force_sensor(size)
         return drawing.turned(axis, angle_deg).at(*eye.tolist())
 
@@ -195,7 +218,12 @@ def _force_sensor(size: Triple) -> Piece:
     middle = -_BUTTON_MM - length / 2
     case = box(length, width, height, radius=2.0)
     button = cylinder(8.0, _BUTTON_MM, bevel=1.0).along(X_AXIS)
-    stripe = box(length * 0.4, width + 0.4, 6, radius=0.8)
+    stripe = box(
+        length * 0.4,
+        width + 0.4,
+        6,
+        radius=0.8,
+    )
     return piece(
         white=case.at(middle, 0, 0),
         black=button.at(-_BUTTON_MM / 2, 0, 0),

@@ -58,7 +58,11 @@ _CORNER_M = 0.002
 _CARRIED = (DeviceKind.HUB, DeviceKind.SENSOR)
 
 
-def from_plan(path: Path, robot: Robot, scene: Scene) -> mujoco.MjSpec:
+def from_plan(
+    path: Path,
+    robot: Robot,
+    scene: Scene,
+) -> mujoco.MjSpec:
     """Model of the robot in its plan, in its scene.
 
     Raises:
@@ -76,7 +80,12 @@ def from_plan(path: Path, robot: Robot, scene: Scene) -> mujoco.MjSpec:
             "heading_deg"
         )
     spec = mjcf.new_spec(robot.name, scene)
-    _Builder(spec, robot, planned, holds_ball=scene.ball).build()
+    _Builder(
+        spec,
+        robot,
+        planned,
+        holds_ball=scene.ball,
+    ).build()
     # All constraints share one body: searching for independent islands would take a tenth of the
     # time in vain.
     spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_ISLAND
@@ -232,12 +241,20 @@ class _Builder:
                 ports[joint.child] = ports[joint.parent]
         return ports
 
-    def _local(self, body: int, point_m: Floats) -> tuple[float, float, float]:
+    def _local(
+        self,
+        body: int,
+        point_m: Floats,
+    ) -> tuple[float, float, float]:
         """A position in a body's frame."""
         x, y, z = (point_m - self.origins[body]).tolist()
         return x, y, z
 
-    def _set_inertia(self, body: mujoco.MjsBody, number: int) -> None:
+    def _set_inertia(
+        self,
+        body: mujoco.MjsBody,
+        number: int,
+    ) -> None:
         """Set mass and inertia of a body."""
         link = self.articulation.bodies[number]
         inertia = link.inertia
@@ -319,7 +336,11 @@ class _Builder:
         )
         self._register(joint, body)
 
-    def _register(self, joint: Hinge, body: mujoco.MjsBody) -> None:
+    def _register(
+        self,
+        joint: Hinge,
+        body: mujoco.MjsBody,
+    ) -> None:
         self.bodies[joint.child] = body
         self.origins[joint.child] = joint.point_m
         self._set_inertia(body, joint.child)
@@ -355,7 +376,12 @@ class _Builder:
             lowest = ends[0] - _BEYOND_DEG
             highest = ends[1] + _BEYOND_DEG
             # What is free is wider than asked for if the plan's position is outside.
-            low, high = free_deg(self.planned, motor.port, lowest, highest)
+            low, high = free_deg(
+                self.planned,
+                motor.port,
+                lowest,
+                highest,
+            )
             stops = (max(low, lowest), min(high, highest))
         shaft.limited = True
         # A negative gear swaps the ends.

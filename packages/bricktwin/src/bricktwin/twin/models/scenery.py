@@ -45,7 +45,11 @@ def add_objects(spec: mujoco.MjSpec, scene: Scene) -> None:
             _add_block(world, name, solid)
 
 
-def _add_wall(world: mujoco.MjsBody, name: str, wall: Wall) -> None:
+def _add_wall(
+    world: mujoco.MjsBody,
+    name: str,
+    wall: Wall,
+) -> None:
     start_m = np.array(wall.from_mm) / 1000
     end_m = np.array(wall.to_mm) / 1000
     x, y = ((start_m + end_m) / 2).tolist()
@@ -62,7 +66,11 @@ def _add_wall(world: mujoco.MjsBody, name: str, wall: Wall) -> None:
     )
 
 
-def _add_ramp(world: mujoco.MjsBody, name: str, ramp: Ramp) -> None:
+def _add_ramp(
+    world: mujoco.MjsBody,
+    name: str,
+    ramp: Ramp,
+) -> None:
     """Add a plate whose upper side rises from the floor to the ramp's height."""
     x, y = (value / 1000 for value in ramp.at_mm)
     yaw = -math.radians(ramp.heading_deg)
@@ -91,7 +99,11 @@ def _add_ramp(world: mujoco.MjsBody, name: str, ramp: Ramp) -> None:
     )
 
 
-def _add_block(world: mujoco.MjsBody, name: str, block: Block) -> None:
+def _add_block(
+    world: mujoco.MjsBody,
+    name: str,
+    block: Block,
+) -> None:
     x, y = (value / 1000 for value in block.at_mm)
     half = [side / 2000 for side in block.size_mm]
     position = [x, y, half[2]]
@@ -109,7 +121,11 @@ def _add_block(world: mujoco.MjsBody, name: str, block: Block) -> None:
         )
         return
     # What can be pushed is a body with a joint of its own, by whose name a reset finds it.
-    body = world.add_body(name=name, pos=position, quat=turn)
+    body = world.add_body(
+        name=name,
+        pos=position,
+        quat=turn,
+    )
     body.add_freejoint(name=name)
     add_geom(
         body,
@@ -183,7 +199,12 @@ def _draw_marks(spec: mujoco.MjSpec, marks: Sequence[Mark]) -> None:
         height_mm = LOWEST_MM + number * rise_mm
         shape = merge(shapes).at(0.0, 0.0, height_mm)
         piece = Piece(((colour_name(COLORS[color]), shape),))
-        draw(spec, spec.worldbody, [piece], f"layer_{number}")
+        draw(
+            spec,
+            spec.worldbody,
+            [piece],
+            f"layer_{number}",
+        )
 
 
 def _field(field: Field) -> Shape:

@@ -143,7 +143,11 @@ class TurningParts:
                 if far >= 0:
                     self._rods.append((body, far))
 
-    def turn(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
+    def turn(
+        self,
+        model: mujoco.MjModel,
+        data: mujoco.MjData,
+    ) -> None:
         """Turn shafts and gears with their motors' joints, rods to their far pins; positions must
         be up to date, and are so afterwards."""
         for body, address, ratio, axis in self._spinners:

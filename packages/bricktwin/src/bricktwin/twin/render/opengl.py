@@ -107,7 +107,11 @@ class MovingParts:
         right, bottom = lower_right.tolist()
         return Box(left, top, right, bottom)
 
-    def mask(self, data: mujoco.MjData, spot_px: int) -> NDArray[np.bool_]:
+    def mask(
+        self,
+        data: mujoco.MjData,
+        spot_px: int,
+    ) -> NDArray[np.bool_]:
         """Mask ``[rows, columns]`` of the squares of ``spot_px`` that moving geometry may cover."""
         # Rounded up: the last squares may reach beyond the image.
         rows = -(-self._height // spot_px)
@@ -247,7 +251,13 @@ class Renderer(contextlib.AbstractContextManager["Renderer"]):
         fixed = self._camera.fixedcamid
         groups = self._option.geomgroup
         if keeps_background and is_fixed_camera(model, fixed):
-            self._moving = MovingParts(model, fixed, width, height, groups)
+            self._moving = MovingParts(
+                model,
+                fixed,
+                width,
+                height,
+                groups,
+            )
             # Smoothing mixes an edge with what is behind it, and so does transparency.
             self._is_composited = not smooth and is_opaque(model, groups)
         model.vis.global_.offwidth = width
@@ -256,7 +266,12 @@ class Renderer(contextlib.AbstractContextManager["Renderer"]):
         self._gl, self._context = _open_context(model, width, height)
         # OpenGL objects must be freed in their own context, or another context's objects of the
         # same number would be freed.
-        self._free = weakref.finalize(self, _free_context, self._gl, self._context)
+        self._free = weakref.finalize(
+            self,
+            _free_context,
+            self._gl,
+            self._context,
+        )
         # The end of the process frees all of it.
         self._free.atexit = False
 
@@ -295,7 +310,11 @@ class Renderer(contextlib.AbstractContextManager["Renderer"]):
         np.copyto(target, pixels.view(_PIXEL), where=is_nearer)
         return image
 
-    def _draw(self, box: Box, categories: int) -> tuple[Image, NDArray[np.float32]]:
+    def _draw(
+        self,
+        box: Box,
+        categories: int,
+    ) -> tuple[Image, NDArray[np.float32]]:
         """Part of the image and its depth, 0 (near) to 1; ``categories`` selects all, static or
         moving geometry."""
         mujoco.mjv_updateScene(
@@ -325,7 +344,12 @@ class Renderer(contextlib.AbstractContextManager["Renderer"]):
         # A buffer of exactly this size is cleared at once, a part of a larger one pixel by pixel.
         mujoco.mjr_resizeOffscreen(box.width, box.height, self._context)
         mujoco.mjr_render(viewport, self._scene, self._context)
-        mujoco.mjr_readPixels(pixels, depth, viewport, self._context)
+        mujoco.mjr_readPixels(
+            pixels,
+            depth,
+            viewport,
+            self._context,
+        )
         # OpenGL's first row is the lowest.
         return pixels[::-1], depth[::-1]
 
@@ -346,7 +370,11 @@ class VideoWriter(contextlib.AbstractContextManager["VideoWriter"]):
         fps: images per second.
     """
 
-    def __init__(self, path: str | Path, fps: float) -> None:
+    def __init__(
+        self,
+        path: str | Path,
+        fps: float,
+    ) -> None:
         self.path = Path(path)
         check_writable(self.path)
         self._fps = fps
@@ -425,7 +453,11 @@ class VideoWriter(contextlib.AbstractContextManager["VideoWriter"]):
                 raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
             raise OSError(errno.EIO, "the encoder ended")
 
-    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        *_: object,
+    ) -> None:
         self.close(complete=kind is None)
 
 
@@ -457,7 +489,11 @@ def _free_context(gl: Any, context: Any) -> None:
         gl.free()
 
 
-def _open_context(model: mujoco.MjModel, width: int, height: int) -> tuple[Any, Any]:
+def _open_context(
+    model: mujoco.MjModel,
+    width: int,
+    height: int,
+) -> tuple[Any, Any]:
     """An OpenGL context and MuJoCo's rendering context in it."""
     asked_for = os.environ.get("MUJOCO_GL", "")
     backend = asked_for.lower().strip() or _choose_backend()

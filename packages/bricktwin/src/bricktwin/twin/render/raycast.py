@@ -66,7 +66,13 @@ class RayCaster:
         self._stale = np.ones((rows, columns), bool)
         self._moving: MovingParts | None = None
         if is_fixed_camera(model, self._camera):
-            self._moving = MovingParts(model, self._camera, width, height, _DRAWN_GROUPS)
+            self._moving = MovingParts(
+                model,
+                self._camera,
+                width,
+                height,
+                _DRAWN_GROUPS,
+            )
 
     def render(self) -> Image:
         """Draw the present image.

@@ -59,7 +59,13 @@ def captioned(
     picture = Image.fromarray(image)
     pen = ImageDraw.Draw(picture)
     for column, row, text in labels:
-        pen.text((column, row), text, _MUTED, small_font, anchor="mm")
+        pen.text(
+            (column, row),
+            text,
+            _MUTED,
+            small_font,
+            anchor="mm",
+        )
     lines = []
     if title:
         lines.append((title, title_font))
@@ -128,7 +134,11 @@ class Room:
         camera: camera for a renderer; :meth:`follow` aims it.
     """
 
-    def __init__(self, body: MujocoBody, goal: Goal | None = None) -> None:
+    def __init__(
+        self,
+        body: MujocoBody,
+        goal: Goal | None = None,
+    ) -> None:
         self._body = body
         self._place = None if goal is None else goal.at_mm
         self.camera = mujoco.MjvCamera()
@@ -149,7 +159,12 @@ class Room:
         self._option = mujoco.MjvOption()
         self._ghost: MujocoBody | None = None
         if goal is not None:
-            self._ghost = MujocoBody(body.robot, body.scene, Physics(), 0)
+            self._ghost = MujocoBody(
+                body.robot,
+                body.scene,
+                Physics(),
+                0,
+            )
         self._goal: Goal | None = None
         self.aim_for(goal)
 
@@ -217,7 +232,11 @@ class Room:
         if self._ghost is not None:
             self._add_ghost(scene, self._ghost)
 
-    def _add_ghost(self, scene: mujoco.MjvScene, ghost: MujocoBody) -> None:
+    def _add_ghost(
+        self,
+        scene: mujoco.MjvScene,
+        ghost: MujocoBody,
+    ) -> None:
         """Add the robot at its goal, transparent and of one colour."""
         first = scene.ngeom
         mujoco.mjv_addGeoms(
@@ -233,7 +252,11 @@ class Room:
             geom.rgba[:] = _GHOST
             geom.matid = -1
 
-    def metre_marks(self, width: int, height: int) -> list[tuple[int, int, str]]:
+    def metre_marks(
+        self,
+        width: int,
+        height: int,
+    ) -> list[tuple[int, int, str]]:
         """Labels of the metre lines in an image of that size in px: column, row, text."""
         marks = []
         middle = round(float(self._target[0]))
@@ -373,4 +396,10 @@ def filmed(body: Body, path: Path) -> Iterator[Body]:
     # The writer is closed, not entered: the film is kept even if the program raises.
     with Renderer(body, width, height) as renderer, closing(VideoWriter(path, fps)) as video:
         video.add(renderer.render())
-        yield Filmed(body, renderer.render, _FRAME_MS, _FRAME_MS, video.add)
+        yield Filmed(
+            body,
+            renderer.render,
+            _FRAME_MS,
+            _FRAME_MS,
+            video.add,
+        )
