@@ -434,11 +434,11 @@ def _kinds(group: dict[str, Any]) -> dict[str, type]:
 def memory_state(memory: ReplayBuffer) -> dict[str, Any]:
     """The filled part of a replay buffer and its write position, independent of the device."""
     size = len(memory)
-    rows = {}
+    rows: dict[str, Any] = {}
     # TorchRL's own state has the whole capacity, of which a run fills little.
     if size:
         rows = dict(memory[range(size)].flatten_keys(".").items())
-    state = {"rows": rows, "writer": dict(memory.writer.state_dict())}
+    state: dict[str, Any] = {"rows": rows, "writer": dict(memory.writer.state_dict())}
     # Which row follows which: the steps of several robots alternate.
     if isinstance(memory, TransitionReplayBuffer):
         state |= memory.links()

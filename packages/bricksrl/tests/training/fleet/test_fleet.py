@@ -322,7 +322,7 @@ def test_next_episode_starts_before_saving_last(tmp_path: Path) -> None:
 
 def test_episode_lost_before_its_first_step_is_played_again_as_it_was(tmp_path: Path) -> None:
     loop: Any = Loop.__new__(Loop)
-    loop.config, loop.prefill_episodes, loop.episodes, loop._started, loop._again = (
+    loop.config, loop.prefill_episodes, loop.episodes, loop._started, loop._numbers_again = (
         config(tmp_path / "run"),
         2,
         [],

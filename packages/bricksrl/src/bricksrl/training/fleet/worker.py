@@ -22,6 +22,7 @@ from brickhub.user_files import line_of_user
 from bricksrl.agents.learner import Learner
 from bricksrl.child_process import END, Message, leave, parent_channel
 from bricksrl.data.collect import about, step_of
+from bricksrl.data.steps import Step
 from bricksrl.envs.env_interface import BricksEnv
 from bricksrl.envs.make import make
 from bricksrl.envs.rollout import Rollout, play
@@ -151,7 +152,7 @@ class Worker:
         ):
             rewards_before = len(rollout.rewards)
             own_frames = rollout.add(frame, env)
-            steps = []
+            steps: list[Step] = []
             if begin["is_recorded"]:
                 steps = [step_of(own_frame, env) for own_frame in own_frames]
             # The last step of the robot itself is for `on_transition`; sent once where it is the

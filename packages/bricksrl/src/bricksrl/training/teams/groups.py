@@ -138,7 +138,6 @@ class PPOGroup:
         critic = TensorDictModule(_Scaled(value_net, scale), [observation_key], [value_key])
 
         make = MAPPOLoss if central else IPPOLoss
-        # TorchRL warns of defaults that its next versions change.
         with warnings.catch_warnings(action="ignore"):
             self.loss = make(
                 self.policy,
