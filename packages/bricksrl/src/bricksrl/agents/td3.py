@@ -29,7 +29,8 @@ from bricksrl.agents.settings import (
 
 @dataclass(frozen=True)
 class DeterministicSettings:
-    """Settings of deterministic actors, of TD3 and TD3+BC, beside those of target networks."""
+    """Settings of deterministic actors, of TD3 and TD3+BC, in addition to those of target
+    networks."""
 
     actor_norm: Norm = "none"
     """Normalisation in the actor, before each ReLU."""
@@ -47,7 +48,7 @@ PAPER_NOISE: dict[str, Any] = {"exploration_noise": 0.1, "target_noise": 0.2}
 
 @dataclass(frozen=True)
 class TD3Settings(DeterministicSettings, CriticSettings, TargetSettings, OffPolicySettings):
-    """Settings of TD3; targets move with the actor."""
+    """Settings of TD3; target networks are updated whenever the actor is."""
 
     learning_rate: Annotated[float, Positive] = 5e-4
     updates_per_step: Annotated[float, Positive] = 4.0
@@ -70,12 +71,15 @@ PRESETS = {
 }
 
 FARTHEST = 0.999
-"""Largest discount whose horizon, ``1 / (1 - discount)``, is taken for that of the task."""
+"""Largest discount whose horizon, ``1 / (1 - discount)`` steps, an episode can show; a greater one
+is not taken at its word."""
 
 
 class TD3Loss(ActorCriticLoss):
-    """Loss of TD3: clipped target noise, the actor maximises the first critic. Tests compare it
-    with TorchRL's ``TD3Loss``. ``actor``: features to actions before the tanh."""
+    """Loss of TD3. Target actions get clipped noise; the actor maximises the first critic. The
+    critics' loss and the encoder are those of `ActorCriticLoss`; with a base policy the actor's
+    action is added to the base's. Tests compare it with TorchRL's ``TD3Loss``. ``actor``: features
+    to actions before the tanh."""
 
     out_keys = ["loss_qvalue", "loss_actor"]  # noqa: RUF012  as in TorchRL
 
@@ -115,10 +119,12 @@ class TD3Loss(ActorCriticLoss):
 
     @torch.no_grad()
     def start_at_mean_value(self, transitions: TensorDictBase) -> None:
-        """Set the critics' last biases to the mean value of transitions; 0 is far from most. This
-        constant satisfies their Bellman equation, ``mean(reward) / (1 - gamma * mean(not
-        terminated))``: LSTD with a constant as its only feature. A discount near 1 has a horizon
-        that no data show: of `FARTHEST`'s, and of what was seen, the nearer one is taken."""
+        """Set the critics' last biases to the mean value of transitions, as 0 is far from most.
+
+        This constant satisfies their Bellman equation, ``mean(reward) / (1 - gamma * mean(not
+        terminated))``: LSTD with a constant as its only feature. A discount above `FARTHEST` would
+        give a value that no data support: then the horizon is at most that of `FARTHEST`, and at
+        most the number of transitions."""
         after = transitions["next"]
         goes_on = (~after["terminated"]).float().mean()
         ending = 1.0 - self.gamma * goes_on

@@ -1,8 +1,10 @@
-"""Training loop: collect, remember, learn, report; for one robot, copies or a fleet, with the
-learner here or elsewhere.
+"""Training loop: collect, remember, learn, report; for one robot, copies (simulated robots in one
+batch) or a fleet (several robots), with the learner here or in another process.
 
-Where a step comes from is `sources`' and `fleet`'s matter, where an update is made
-`learner_side`'s.
+Steps come from `sources` and `fleet`; updates are made in `learner_side`.
+
+    run -> _collect -> Moved: remember, learn
+                    -> Ended: record, keep, evaluate
 """
 
 import math
@@ -45,7 +47,7 @@ class Loop:
 
     Attributes:
         state: initial state of the run.
-        driver: may choose actions instead of the agent.
+        driver: a human who may choose actions instead of the agent.
     """
 
     config: TrainConfig
