@@ -197,7 +197,7 @@ def test_killed_process_raises_one_line(tmp_path: Path) -> None:
         match="a process was killed, maybe for lack of memory; repeat the command with "
         "fewer --jobs",
     ):
-        run_study(study, tmp_path / "study", seeds=1, jobs=2)
+        run_study(study, tmp_path / "study", seeds=2, jobs=2)
 
 
 def test_page_shows_all_seeds_of_the_folder(tmp_path: Path) -> None:

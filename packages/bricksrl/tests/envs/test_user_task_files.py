@@ -10,10 +10,10 @@ import pytest
 import bricksrl
 from brickhub.user_files import with_absolute_file
 from bricksrl.cli import main
-from bricksrl.envs.target import find
 from bricksrl.errors import DescriptionError, UnknownNameError
 from bricksrl.evaluation import evaluate
 from bricksrl.interfaces.gymnasium import GymnasiumEnv
+from bricksrl.target import find
 from bricksrl.training import RunFolder
 
 FILE = """

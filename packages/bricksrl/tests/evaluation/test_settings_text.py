@@ -54,7 +54,7 @@ def test_every_setting_can_be_given(agent: str, tmp_path: Path) -> None:
         ("learning_rate=fast", "give a number"),
         ("batch_size=1.5", "whole number"),
         ("hidden=a,b", "whole number"),
-        ("flag=perhaps", "True or False"),
+        ("mirror=perhaps", "True or False"),
         ("angles=round", "choose "),
         ("gamma=7", "gamma"),
     ],

@@ -1,5 +1,5 @@
-"""What SAC, TD3, CrossQ and CQL share: critics, the loss of an actor and critics on one encoder,
-and the update of target networks."""
+"""Common parts of SAC, TD3, CrossQ and CQL: critics, the loss of an actor and critics on one
+encoder, and the update of target networks."""
 
 from abc import abstractmethod
 from dataclasses import dataclass, replace
