@@ -57,12 +57,24 @@ OURS = ("brickhub", "bricktwin", "bricksrl")
 CHANGED = {
     "bricksrl hub rename": "a sentence in docs/hardware.md",
     "python benchmarks/": "python -m benchmarks NAME",
+    "bricksrl study": "python -m benchmarks NAME",
+    "bricksrl data export DIR --format": "--out alone, for Minari",
+    "bricksrl data export datasets/walker --format": "--out alone, for Minari",
     "bricksrl train Walker-v0 --data": "--demonstrations",
     "bricksrl train Walker-v0 --from runs/iql --data": "--demonstrations",
     "bricksrl train Walker-v0 --agent sac --from runs/bc --data": "--demonstrations",
 }
 """Beginnings of what really had to change, and the new name of each, which stands in the
 changelog."""
+MOVED = {
+    "bricksrl.plans": "bricktwin.plans",
+    "bricksrl.twin.arena": "bricktwin.twin.arena",
+    "bricksrl.virtual_hub": "brickhub.virtual",
+    "bricksrl.envs.arenas.pettingzoo_env": "bricksrl.interfaces.pettingzoo",
+    "bricksrl.envs.gymnasium": "bricksrl.interfaces.gymnasium",
+    "bricksrl.envs.vision.encoders": "bricksrl.agents.frozen_encoders",
+}
+"""Modules that stand elsewhere now, and where: the code of the documentation is read with these."""
 EXAMPLES: dict[str, dict[str, Any]] = {
     "02_train": {"episodes": 2},
     "07_batched_simulation": {"batch_size": 200, "steps": 20},
@@ -150,10 +162,9 @@ def indented_imports(text: str) -> list[str]:
 
 def names(text: str) -> list[str]:
     """Dotted names of our modules and of what is in them, each once."""
-    return sorted(
-        set(re.findall(r"(?<![\w/.])bricksrl(?:\.[A-Za-z_]\w*)+\b(?!\.json)", text))
-        - {"bricksrl.json"}
-    )
+    package = rf"(?<![\w/.])(?:{'|'.join(OURS)})"
+    found = re.findall(rf"{package}(?:\.[A-Za-z_]\w*)+\b(?!\.json)", text)
+    return sorted(set(found) - {"bricksrl.json"})
 
 
 def cheap(words: list[str]) -> list[str]:
@@ -422,7 +433,16 @@ def checked_out(folder: Path) -> Path:
         )
     with tarfile.open(fileobj=io.BytesIO(made.stdout)) as archive:
         archive.extractall(folder, filter="data")
+    for path in folder.rglob("*"):
+        if path.suffix in (".md", ".py", ".ipynb"):
+            path.write_text(_with_new_names(path.read_text(encoding="utf-8")), encoding="utf-8")
     return folder
+
+
+def _with_new_names(text: str) -> str:
+    for former, today in MOVED.items():
+        text = re.sub(rf"\b{re.escape(former)}\b", today, text)
+    return text
 
 
 def pages(source: Path) -> list[str]:

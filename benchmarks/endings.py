@@ -101,6 +101,16 @@ KINDS = {
 }
 
 
+def _hear_hangup() -> None:
+    """Let commands that start from here on be ended by a hang-up.
+
+    A benchmark that was started with ``nohup`` ignores it, and its children would inherit that; a
+    handler is not inherited.
+    """
+    if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:
+        signal.signal(signal.SIGHUP, lambda _number, _frame: None)
+
+
 class Command:
     """Command in a process of its own, in a terminal of its own if ``has_terminal``; it is over
     with its context."""
@@ -108,6 +118,7 @@ class Command:
     def __init__(self, words: Sequence[str], folder: Path, *, has_terminal: bool) -> None:
         self.mark = f"{os.getpid()}-{time.monotonic_ns()}"
         self.said = ""
+        _hear_hangup()
         environment = {**os.environ, **_NO_SCREEN, _MARK: self.mark, "OMP_NUM_THREADS": "1"}
         command = [sys.executable, "-u", "-m", "bricksrl", *words]
         if has_terminal:

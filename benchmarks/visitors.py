@@ -271,14 +271,16 @@ def main(session: Session) -> None:
         ended_s = time.monotonic()
         while command.processes() and time.monotonic() < ended_s + 20.0:
             time.sleep(0.05)
+        after_s = time.monotonic() - ended_s
+        still = len(command.processes())
         protocol.write(
             "the computer",
-            does=f"closes the terminal; after {time.monotonic() - ended_s:.1f} s nothing is left",
+            does=f"closes the terminal; {still} processes are left after {after_s:.1f} s",
         )
         result = {
             "seconds": protocol.now_s,
             "script_errors": protocol.errors,
-            "processes_left": len(command.processes()),
+            "processes_left": still,
         }
         result |= {
             "port_is_free": is_free(url),
