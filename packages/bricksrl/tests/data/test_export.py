@@ -36,8 +36,9 @@ def test_minari_reads_export(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
         second.rewards, episodes.reward[at]
     )
     assert second.truncations.tolist() == episodes.truncated[at].tolist()
-    with pytest.raises(DataError, match="end the path like"):
-        export_minari(tmp_path / "set", tmp_path / "other/bricksrl/no version")
+    for name in ("no version", "toy", "toy-v"):
+        with pytest.raises(DataError, match="end the path like"):
+            export_minari(tmp_path / "set", tmp_path / "other/bricksrl" / name)
     assert not (tmp_path / "other").exists() and not list((tmp_path / "minari").rglob(".part-*"))
     monkeypatch.chdir(tmp_path / "minari/bricksrl")
     export_minari(tmp_path / "set", Path("toy-v1"))

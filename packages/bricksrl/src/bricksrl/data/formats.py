@@ -17,6 +17,7 @@ from __future__ import annotations
 import json
 import math
 import os
+import re
 import shutil
 import warnings
 from collections.abc import Iterator
@@ -76,8 +77,11 @@ def export_minari(path: Path, out: Path) -> None:
         from minari.data_collector import EpisodeBuffer
         from minari.namespace import NAMESPACE_METADATA_FILENAME
     refuse_target(out)
-    episodes = load(path)
     name = f"{out.absolute().parent.name}/{out.name}"
+    # Minari 0.5 asks for a version too, but ends in a TypeError without one.
+    if re.search(r"-v\d+$", out.name) is None:
+        raise DataError(f"{name} has no version; end the path like bricksrl/walker-v0")
+    episodes = load(path)
     buffers = [EpisodeBuffer(**_minari_episode(episodes, k)) for k in range(len(episodes.rows))]
     policies = dict.fromkeys(row.about.policy for row in episodes.rows)
     with atomic_folder(out) as folder, _datasets_in(folder / "new"), warnings.catch_warnings():
