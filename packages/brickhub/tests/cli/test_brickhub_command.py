@@ -171,7 +171,7 @@ def test_missing_package_is_named(tmp_path: Path) -> None:
             "there is no command scna (did you mean 'scan'?); see `brickhub --help`",
         ),
         ("doctor --timeout-s nan", "timeout-s is nan"),
-        ("scan --seconds 0", "from 0 to 600"),
+        ("scan --seconds 0", "above 0, and up to 600"),
         ("scan --hub infrared", "choose ble or virtual"),
         ("run main.py --time-limit-s nan", "time limit is nan"),
         ("run main.py --time-limit-s -1", "time limit is -1"),

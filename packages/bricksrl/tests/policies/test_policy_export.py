@@ -12,6 +12,7 @@ import torch
 
 from bricksrl import make
 from bricksrl.agents import preset
+from bricksrl.agents.features import SeenInputs
 from bricksrl.cli import main
 from bricksrl.errors import CheckpointError, RunError
 from bricksrl.policies import export, load_policy
@@ -60,6 +61,17 @@ def test_shared_policy_can_be_exported(trained: Path, tmp_path: Path) -> None:
         RunError, match="shared holds the policy of one checkpoint; take the last one"
     ):
         export_model(tmp_path / "shared", tmp_path / "best.pt2", which="best")
+
+
+def test_export_says_nothing_of_readings_that_no_robot_made(
+    trained: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    said = list[str]()
+    monkeypatch.setattr(SeenInputs, "_say", lambda *_: said.append("reads"))
+    export_model(trained, tmp_path / "arm.pt2")
+    assert not said
+    load_policy(trained).act(make("RoboArmSim-v0", seed=1).reset()["observation"])
+    assert said
 
 
 def test_existing_file_is_not_overwritten(trained: Path, tmp_path: Path) -> None:

@@ -95,7 +95,9 @@ class Scan(SavesNothing):
                 f"nothing can be scanned for on '{self.hub}'; choose ble or virtual"
             )
         if not 0 < self.seconds <= 600:
-            raise DescriptionError(f"seconds is {self.seconds:g}; give a number from 0 to 600")
+            raise DescriptionError(
+                f"seconds is {self.seconds:g}; give a number above 0, and up to 600"
+            )
         if self.hub == "virtual":
             hubs = [
                 FoundHub(

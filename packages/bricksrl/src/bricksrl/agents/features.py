@@ -53,6 +53,8 @@ class SeenInputs(nn.Module):
         n = len(wraps)
         self.names = names
         self.warned = set[str]()
+        # off for observations that no robot has read, such as drawn ones
+        self.says = True
         # the other way round, so that the first inputs replace both, and what was never seen shows
         self.register_buffer("least", torch.full((n,), LARGEST))
         self.register_buffer("greatest", torch.full((n,), -LARGEST))
@@ -92,7 +94,7 @@ class SeenInputs(nn.Module):
             return inputs
         least, greatest = self.bounds()
         # an export traces without numbers, so that there is nothing to say about them
-        if not (torch.compiler.is_exporting() or inputs.is_meta):
+        if self.says and not (torch.compiler.is_exporting() or inputs.is_meta):
             self._say(inputs, least, greatest)
         return inputs.clamp(least, greatest)
 

@@ -22,6 +22,7 @@ from torchrl.envs import EnvBase
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 
 from brickhub.files import check_writable, refuse_existing, write_durably
+from bricksrl.agents.features import SeenInputs
 from bricksrl.envs.specs import ObservationLayout
 from bricksrl.envs.transforms import layout_of
 from bricksrl.errors import RunError, message_of
@@ -88,6 +89,9 @@ def export_model(
         named = _observations(env, layout)
         inputs = tuple(named[key] for key in policy.in_keys)
     acting = BestAction(policy).eval().requires_grad_(False)
+    for module in acting.modules():
+        if isinstance(module, SeenInputs):
+            module.says = False
     with torch.no_grad():
         expected = _best(policy, acting, inputs)
         data = _program(acting, inputs, format_)
