@@ -31,9 +31,14 @@ def parsed(
     read: Callable[[str], Any],
     metavar: str,
     collect: Callable[[Any], Any] | None = None,
+    choices: tuple[str, ...] | None = None,
 ) -> PrimitiveConstructorSpec[Any]:
-    """Annotation of an option whose text is read by a function; with ``collect``, of one that may
-    be repeated, whose values go through it together."""
+    """Annotation of an option whose text is read by a function, and may be limited to ``choices``;
+    with ``collect``, of one that may be repeated, whose values go through it together.
+
+    An option of choices that may be left out needs it: of ``Literal[...] | None`` alone tyro also
+    offers the word None, and all of them in a random order.
+    """
 
     def value(words: Any) -> Any:
         return read(words[0]) if collect is None else collect(map(read, words))
@@ -47,6 +52,7 @@ def parsed(
         # A default may be of a type that tyro does not know.
         is_instance=lambda _: True,
         str_from_instance=lambda default: [str(default)] if default else [],
+        choices=choices,
         **action,
     )
 

@@ -255,6 +255,15 @@ def test_help_of_a_command_has_examples(bricksrl):
         ("hub run", "FILE"),
         ("evaluate", "RUN"),
         ("train RunAway-v0 --take-over x", "'x' for argument '--take-over'. Expected one of"),
+        (
+            "record RunAway-v0 --out a --take-over x",
+            "Expected one of ('keyboard', 'gamepad', 'controller')",
+        ),
+        ("drive Spinning-v0 --with x", "Expected one of ('gamepad', 'controller')"),
+        ("team Tag-v0 --agent x", "Expected one of ('mappo', 'ippo', 'sac')"),
+        ("train RunAway-v0 --frame-stack 0", "error: frame_stack is 0; give a whole number"),
+        ("train RunAway-v0 --fault x", "error: 'x' is no fault; give one such as"),
+        ("tune WalkerSim-v0 --steps 0", "error: steps is 0; give 1 or more"),
         ("data split a", "--rest DIR"),
     ],
 )

@@ -310,6 +310,9 @@ _NEEDED = {
 _WRONG_VALUE = re.compile(r"Error parsing (\S+): (.*?)\W*'(.*)'\W*")
 """Option, reason and value: ``Error parsing --seed: invalid literal for int() with base 10:
 'x'``."""
+_OF_SEVERAL = re.compile(r"Error parsing [^-\s]\S*: (.*)")
+"""Our error about a group of options or a whole command, after a name that no user wrote: only
+options begin with dashes."""
 _GIVEN_AS_OPTION = re.compile(r"Missing value for argument '(\w+)'.*")
 """An argument that was written as an option: only an argument's name has no dashes."""
 
@@ -344,6 +347,8 @@ def _plain(message: str) -> str:
     whole number``. Most say by themselves what to do, and are returned unchanged."""
     if match := _GIVEN_AS_OPTION.fullmatch(message):
         return f"{match[1]} is no option; give it without --{match[1]}"
+    if match := _OF_SEVERAL.fullmatch(message):
+        return match[1]
     if match := _WRONG_VALUE.fullmatch(message):
         option, reason, value = match.groups()
         for words, needed in _NEEDED.items():

@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar, get_args
 
 from tyro.conf import OmitArgPrefixes, Positional
 
@@ -22,7 +22,7 @@ from brickhub.cli.terminal import Interrupted, print_line, print_note
 from brickhub.fields import Range
 from brickhub.files import folder_with
 from brickhub.hub.transports.address import parse_hub
-from brickhub.options import Existing, SavesNothing, Seed, option, refuse_ignored
+from brickhub.options import Existing, SavesNothing, Seed, option, parsed, refuse_ignored
 from brickhub.seed import evaluation_seed
 from brickhub.user_files import check_there, is_reference
 from bricksrl.cli.terminal import EmergencyStop, driving, load_learning, placing
@@ -54,6 +54,8 @@ PageFlag = Annotated[
     ),
 ]
 """``--page``."""
+Pad = Literal["gamepad", "controller"]
+"""Devices that drive in place of the page."""
 RobotGroup = Annotated[EnvOptions, OmitArgPrefixes]
 """Options of a command's robot, as a separate group in the help."""
 
@@ -332,7 +334,9 @@ class DriveRobot(SavesNothing):
     seed: Seed = 0
     """Seed of the episodes."""
     device: Annotated[
-        Literal["gamepad", "controller"] | None, option(metavar="DEVICE", name="with")
+        Pad | None,
+        parsed(str, "DEVICE", choices=get_args(Pad)),
+        option(name="with"),
     ] = None
     """Drive with a gamepad, or with the Controller of LEGO's kits, instead of the page."""
     robot: RobotGroup = EnvOptions()

@@ -15,7 +15,7 @@ from tyro.conf import Positional
 from brickhub.cli.terminal import Interrupted, print_line, print_note
 from brickhub.fields import Count
 from brickhub.files import quoted
-from brickhub.options import Existing, Flag, Seed, option
+from brickhub.options import Existing, Flag, Seed, option, parsed
 from brickhub.user_files import check_there
 from bricksrl.cli.page import LivePageGroup, PageFlag, RobotGroup, run_on_page, shown
 from bricksrl.cli.terminal import (
@@ -83,7 +83,7 @@ class Record:
     policy: Annotated[str, option(metavar="POLICY")] = "random"
     """Policy: random, keyboard, gamepad, controller, or the folder of a run or of a shared
     policy."""
-    take_over: Annotated[Device | None, option(metavar="DEVICE")] = None
+    take_over: Annotated[Device | None, parsed(str, "DEVICE", choices=DEVICES), option()] = None
     """Let a human intervene with this device; these steps are marked in the data."""
     episodes: Annotated[Count, option(metavar="N")] = 10
     """Episodes to record."""

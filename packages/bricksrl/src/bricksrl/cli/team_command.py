@@ -6,14 +6,14 @@ import threading
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal, get_args
 
 from tyro.conf import Positional, UseAppendAction
 
 from brickhub.cli.terminal import Interrupted, print_line
 from brickhub.fields import Count
 from brickhub.files import check_writable, folder_with, quoted
-from brickhub.options import Existing, Seed, option, refuse_ignored
+from brickhub.options import Existing, Seed, option, parsed, refuse_ignored
 from brickhub.seed import evaluation_seed
 from bricksrl.cli.page import LivePageGroup, play_until_stopped, shown
 from bricksrl.cli.terminal import load_learning
@@ -46,6 +46,9 @@ def _look_for_team(folder: Path) -> None:
         raise RunError(f"there is no team in {folder}; {remedy}")
 
 
+Algorithm = Literal["mappo", "ippo", "sac"]
+
+
 @dataclass(frozen=True)
 class TrainTeam:
     """Train robots that share one world, let them play, and film them.
@@ -66,7 +69,11 @@ class TrainTeam:
 
     env: Annotated[Positional[str | None], option(metavar="ARENA"), Existing(check_arena)] = None
     """Arena; `bricksrl list` shows them."""
-    agent: Annotated[Literal["mappo", "ippo", "sac"] | None, option(metavar="NAME")] = None
+    agent: Annotated[
+        Algorithm | None,
+        parsed(str, "NAME", choices=get_args(Algorithm)),
+        option(),
+    ] = None
     """Algorithm; by default ippo in the simulation, and sac, which needs fewer steps, in the arena
     itself."""
     learn: Annotated[UseAppendAction[tuple[str, ...]], option(metavar="GROUP")] = ()

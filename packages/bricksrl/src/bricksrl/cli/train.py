@@ -17,13 +17,14 @@ from brickhub.cli.terminal import Interrupted, print_line
 from brickhub.fields import Count, Range
 from brickhub.files import only_writer, quoted, remove_unfinished
 from brickhub.hub.transports.address import parse_hub
-from brickhub.options import Existing, Flag, Seed, existing_file, option, refuse_ignored
+from brickhub.options import Existing, Flag, Seed, existing_file, option, parsed, refuse_ignored
 from brickhub.user_files import check_there
 from bricksrl.agents import check_agent
 from bricksrl.cli.evaluate import describe
 from bricksrl.cli.page import LivePageGroup, PageFlag, RobotGroup, has_screen, run_on_page, shown
 from bricksrl.cli.progress import RunProgress, train_seeds
 from bricksrl.cli.terminal import (
+    DEVICES,
     Device,
     EmergencyStop,
     driving,
@@ -118,7 +119,7 @@ class Train:
     on: Annotated[str | None, option(metavar="WHERE")] = None
     """Where to train the --seeds: ray, or ray:ADDRESS for a cluster (pip install
     "bricksrl[distributed]")."""
-    take_over: Annotated[Device | None, option(metavar="DEVICE")] = None
+    take_over: Annotated[Device | None, parsed(str, "DEVICE", choices=DEVICES), option()] = None
     """Let a human intervene with this device; the agent learns from these steps too, and the data
     marks them."""
     asynchronous: Flag = False
