@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import random
+import re
 from dataclasses import replace
 
 import pytest
 import torch
 
 import bricksrl
+from brickhub.entry import Entry
 from brickhub.finding import Outcome
 from brickhub.hub.interface import Interface, MotorAngle, RunAngle, Wait
 from brickhub.robot import HubKind, Motor, Robot
 from bricksrl.envs.env_checker import check_env
+from bricksrl.envs.host_sensors.host_sensor import HostSensor
 from bricksrl.envs.task import Task
 from bricksrl.envs.tasks.run_away import RUN_AWAY
 from bricksrl.envs.tasks.spinning import SPINNING
@@ -63,11 +66,23 @@ WRONG_TABLES = [
     " \n",
 ]
 
+CLOCK = HostSensor("clock", (Entry("second", 0.0, 60.0, "s"),), open=dict)
+
 
 @pytest.mark.parametrize(
     ("change", "name", "says"),
     [
         *(({"doc": doc, "max_steps": 50}, "description", "") for doc in WRONG_TABLES),
+        (
+            {"doc": SPINNING.doc, "max_steps": 50, "sensors": (CLOCK,)},
+            "description",
+            "'direction', 0.0, 1.0, ''); correct it, and give a changed copy of a task a doc",
+        ),
+        (
+            {"doc": re.sub(r"\| 5 .*\n", "", SPINNING.doc), "max_steps": 50},
+            "description",
+            "at 5 rows in place of 6; correct it",
+        ),
         ({"reward": raises}, "functions", "IndexError: index 9"),
         ({"reward": raises}, "specs", "the same as in functions"),
         ({"reward": lambda p, a, o: o[..., 4:5] * float("nan")}, "determinism", "the same as in"),

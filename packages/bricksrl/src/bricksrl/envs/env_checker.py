@@ -150,7 +150,10 @@ def _description(task: Task) -> str:
         rows = [_values_of(row) for row in table(task.doc, heading)]
         if heading in headings and rows != expected:
             wrong = _first_wrong(rows, expected)
-            raise Broken(f"the table of the {heading.lower()} does not fit the task at {wrong}")
+            raise Broken(
+                f"the table of the {heading.lower()} in the task's doc does not fit the task at "
+                f"{wrong}; correct it, and give a changed copy of a task a doc of its own"
+            )
     ends = [row[1] for row in table(task.doc, "End of an episode") if row[0] == "truncated"]
     if "End of an episode" in headings and ends != [f"after {task.max_steps} steps"]:
         raise Broken(f"the table of ends does not say: truncated, after {task.max_steps} steps")
@@ -167,11 +170,11 @@ def _first_wrong(
     rows: list[tuple[str | float, ...]],
     expected: list[tuple[str | float, ...]],
 ) -> object:
-    """The first row that is not as expected, or the number of rows."""
+    """The first row that is not as expected, or how many rows there are in place of how many."""
     for row, right in zip(rows, expected, strict=False):
         if row != right:
             return row
-    return f"{len(rows)} rows"
+    return f"{len(rows)} rows in place of {len(expected)}"
 
 
 def _number(cell: str) -> float | str:
