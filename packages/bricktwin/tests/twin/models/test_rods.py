@@ -93,6 +93,18 @@ class TestRod:
         assert model.tendon_length0.tolist() == pytest.approx([0.1, 0.2])
         assert len(TurningParts(model)._rods) == 2
 
-    def test_model_without_rods_is_unchanged(self) -> None:
-        model = mujoco.MjSpec().compile()
-        TurningParts(model).turn(model, mujoco.MjData(model))
+    @pytest.mark.parametrize("name", ["box", "rod_box", "spin_box"])
+    @pytest.mark.parametrize("user_numbers", [0, 1, 4])
+    def test_users_model_without_such_parts_is_unchanged(
+        self, name: str, user_numbers: int
+    ) -> None:
+        spec = mujoco.MjSpec()
+        spec.nuser_body = user_numbers
+        spec.worldbody.add_body(name=name, pos=[0.1, 0.0, 0.0], quat=[0.8, 0.6, 0.0, 0.0])
+        model = spec.compile()
+        data = mujoco.MjData(model)
+        mujoco.mj_kinematics(model, data)
+        before = (model.body_quat.copy(), data.xpos.copy(), data.xquat.copy())
+        TurningParts(model).turn(model, data)
+        after = (model.body_quat, data.xpos, data.xquat)
+        assert all(map(np.array_equal, before, after))

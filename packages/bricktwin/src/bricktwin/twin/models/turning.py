@@ -16,6 +16,8 @@ from bricktwin.twin.models.mjcf import SHAPE_GROUP
 _SPINNER = "spin_"
 """First letters of the names of shafts and gears: `TurningParts` finds them by these, as a compiled
 model keeps nothing else of what they are."""
+_SPINNER_USER = 4
+"""Numbers of a shaft's or gear's user data: ratio and axis [3]."""
 _ROD = "rod_"
 """First letters of the names of rods."""
 
@@ -132,12 +134,14 @@ class TurningParts:
             # In an arena all names of a robot begin with "ROBOT/".
             robot, slash, name = full_name.rpartition("/")
             # A user's model may have bodies of such names, too, but not with what belongs to them.
-            if name.startswith(_SPINNER) and model.nuser_body:
-                ratio, *axis = model.body_user[body, :4].tolist()
+            if name.startswith(_SPINNER) and model.nuser_body >= _SPINNER_USER:
                 port = name.split("_")[1]
-                joint = model.joint(f"{robot}{slash}motor_{port}")
-                address = int(joint.qposadr[0])
-                self._spinners.append((body, address, ratio, np.array(axis)))
+                motor = f"{robot}{slash}motor_{port}"
+                joint = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, motor)
+                if joint >= 0:
+                    ratio, *axis = model.body_user[body, :_SPINNER_USER].tolist()
+                    address = int(model.jnt_qposadr[joint])
+                    self._spinners.append((body, address, ratio, np.array(axis)))
             elif name.startswith(_ROD):
                 far = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, f"{full_name}_far")
                 if far >= 0:
