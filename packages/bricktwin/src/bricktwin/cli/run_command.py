@@ -72,7 +72,7 @@ class Run(run.Run):
     def _made_body(self, stack: ExitStack) -> Body | None:
         if self.video is None and self.scene is None:
             return super().body(stack)
-        # Late, as a program without either needs no physics.
+        # This is imported late, because a program without a body or a scene needs no physics.
         from bricktwin.target import body_of, load_scene
 
         scene = None if self.scene is None else load_scene(self.scene)
@@ -93,11 +93,11 @@ def motors_without_stops(body: Body | None, program: Path) -> list[str]:
     text = program.read_text(encoding="utf-8", errors="replace")
     if "run_until_stalled" not in text:
         return []
-    # A program that names no port at all may use any of them.
+    # A program that names no port may compute it, so it may use any port.
     named = set(re.findall(r"\bPort\.([A-F])\b", text))
     base = body.robot.drive_base
     wheels = () if base is None else (base.left, base.right)
-    # A bench has the stops of the description only.
+    # A bench has no method for this: its only stops are those of the description.
     is_stopped = getattr(body, "is_stopped", lambda port: False)
     ports = []
     for motor in body.robot.motors:

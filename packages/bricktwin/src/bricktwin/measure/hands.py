@@ -76,7 +76,7 @@ class SimulatedPerson:
         self._rng = rng
         self._error_deg = error_deg
         self._error_s = error_s
-        # What a hand changes, and its values without a hand.
+        # A hand changes these values of the model, so their nominal values are kept.
         model = self._body.model
         held = (model.dof_damping, model.dof_frictionloss, model.opt.gravity)
         self._nominal = [(array, array.copy()) for array in held]
@@ -89,10 +89,10 @@ class SimulatedPerson:
 
     def begin(self, deed: Deed) -> None:
         body = self._body
-        # The hand of the last deed lets go.
+        # The hand of the deed before lets go.
         for array, nominal in self._nominal:
             array[:] = nominal
-        # The edge along which the robot lies does not move, so that errors do not add up.
+        # The edge along which the robot lies stays where it is, so that errors do not add up.
         if deed.wall_mm is None:
             self._edge_deg += deed.turn_deg
         else:
@@ -116,7 +116,7 @@ class SimulatedPerson:
     def is_done(self) -> bool:
         now_s = self._hub.now_s()
         if self._at_deg != self._aim_deg:
-            # As far as a hand turns it in the time since the last look.
+            # A hand turns the robot only so far in the time since the last look.
             most_deg = _TURN_DEG_S * (now_s - self._now_s)
             missing_deg = self._aim_deg - self._at_deg
             self._at_deg += min(max(missing_deg, -most_deg), most_deg)
@@ -136,7 +136,7 @@ class SimulatedPerson:
             actuator = body.actuator(body.robot.motor(motor).port)
             joint = model.actuator_trnid[actuator, 0]
             model.dof_frictionloss[model.jnt_dofadr[joint]] = _GRIP_NM
-        # In the hand it stays as it is: no error of an angle counts.
+        # A lifted robot keeps its heading, so no error of an angle is added.
         self._aim_deg = self._at_deg
 
     def _put(self) -> None:

@@ -27,8 +27,8 @@ AXES: dict[str, Triple] = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0
 def circle_sides(radius: float, chord_error: float) -> int:
     """Sides of the polygon that is drawn for a circle: at most ``chord_error`` away from it, and
     enough to look round when shaded."""
-    # The height of a circle's segment is r (1 - cos(pi / sides)), solved for the sides. A circle
-    # that is smaller than the error itself would have no angle, so the share ends at 1.
+    # Half an angle a of a chord leaves a gap of r (1 - cos a), solved here for the sides. The share
+    # ends at 1, because a circle smaller than the error has no such angle.
     share = min(chord_error / radius, 1.0)
     half_angle = math.acos(1.0 - share)
     sides = math.ceil(math.pi / half_angle)
@@ -38,7 +38,7 @@ def circle_sides(radius: float, chord_error: float) -> int:
 def rotation(axis: Triple | Floats, angle: float) -> Floats:
     """Rotation matrix [3, 3] about a unit axis by an angle in radians (Rodrigues)."""
     x, y, z = axis
-    # The matrix of the cross product with the axis.
+    # Multiplying by this matrix is the cross product with the axis.
     cross = np.array(
         [
             [0.0, -z, y],
@@ -100,8 +100,8 @@ class Solid:
         """Whether points [n, 3] are deeper than ``margin`` below the surface [n]."""
         local = (points - np.array(self.centre)) @ np.array(self.axes).T
         half = np.array(self.half) - margin
-        # A ring comes before the test for solids that are thinner than the margin: the second of
-        # its half sizes is its bore, which may well be smaller.
+        # Rings are tested before thin solids are: the second half size of a ring is its bore, which
+        # may be smaller than the margin.
         if self.form is Form.RING:
             radius = np.hypot(local[:, 0], local[:, 1])
             is_in_wall = (radius < half[0]) & (radius > self.half[1] + margin)
@@ -142,7 +142,7 @@ class Solid:
     ) -> Floats:
         """Points [n, 3] that fill the solid up to ``depth`` below its surface."""
         half = np.maximum(np.array(self.half) - depth, 0.0)
-        # Points along each axis: both ends, and no two further apart than the spacing.
+        # Points along each axis include both ends, and none are further apart than the spacing.
         gaps = np.ceil(2 * half / spacing).astype(int)
         counts = np.maximum(2, gaps + 1)
         lines: list[Floats] = []
@@ -167,7 +167,7 @@ class Solid:
         """Corners [8, 3] of the bounding box along ``axes``."""
         half = np.array(self.half)
         if self.form is Form.RING:
-            # The second of a ring's sizes is its bore.
+            # The second size of a ring is its bore, so the first one is used for both directions.
             half = np.array((self.half[0], self.half[0], self.half[2]))
         local = _BOX_SIGNS * half  # [8, 3]
         return np.asarray(local @ np.array(self.axes) + np.array(self.centre))
@@ -192,13 +192,13 @@ def _round_normals(
     """Outward normals [n, 3] at points [n, 3] of a cylinder, or of a ring with a bore of this
     radius, along their third axis."""
     radius = np.maximum(np.hypot(local[:, 0], local[:, 1]), 1e-9)
-    # Distances from the faces: 0 the ends, 1 the outside, 2 the bore.
+    # The faces are numbered in this order: 0 the ends, 1 the outside, 2 the bore.
     gaps = [np.abs(half_length - np.abs(local[:, 2])), np.abs(outer - radius)]
     if bore is not None:
         gaps.append(np.abs(radius - bore))
     nearest_face = np.argmin(gaps, axis=0)
     is_end = nearest_face == 0
-    # In a bore, outwards is towards the axis.
+    # Out of the material is towards the axis in a bore.
     direction = np.where(nearest_face == 2, -1.0, 1.0)
     sides = local[:, :2] / radius[:, None] * direction[:, None]
     normals = np.zeros_like(local)
@@ -220,9 +220,9 @@ def _round_samples(
     for height in heights:
         radius = float(half[0])
         if is_ball:
-            # Of the circle in which a plane at this height cuts the ball.
+            # A plane at this height cuts the ball in a circle of this radius.
             radius = float(np.sqrt(max(half[0] ** 2 - height**2, 0.0)))
-        # A wall that is thinner than twice the depth has nothing inside.
+        # A wall that is thinner than twice the depth has no points inside.
         layers = 0
         if radius >= inner:
             layers = max(2, int(np.ceil((radius - inner) / spacing)) + 1)
@@ -239,7 +239,8 @@ def _round_samples(
 def frame_of(axis: Triple) -> tuple[Triple, Triple, Triple]:
     """Right-handed orthonormal axes; the third is along ``axis``."""
     third = np.array(axis) / np.linalg.norm(axis)
-    # Gram-Schmidt from x, or from y where the axis is so near to x that little would be left.
+    # Gram-Schmidt makes x square to the axis, or y where the axis is so near to x that little would
+    # be left of it.
     helper = np.array(AXES["x"] if abs(third[0]) < 0.9 else AXES["y"])
     first = helper - (helper @ third) * third
     first /= np.linalg.norm(first)

@@ -160,13 +160,15 @@ has the same table, and a test compares them."""
 @functools.cache
 def _by_first_word() -> dict[str, list[tuple[list[str], Meaning]]]:
     """The words of each kind and its meaning, by the first word, the longest kinds first."""
-    # A file may have 100,000 lines, of which most need not be compared with any kind.
+    # Grouping the kinds by their first word keeps most of a file's lines, up to 100,000, from being
+    # compared with any.
     kinds = defaultdict(list)
     for command in META_COMMANDS:
         words = command.words.split()
         kinds[words[0]].append((words, command.meaning))
     for same_word in kinds.values():
-        # What a program says in general, as `!LPUB`, would hide what it says in particular.
+        # Longer patterns come first, because the general meaning of a program's line, as `!LPUB`,
+        # would otherwise hide its particular ones.
         same_word.sort(key=lambda kind: len(kind[0]), reverse=True)
     return dict(kinds)
 
@@ -179,7 +181,7 @@ def meaning_of(words: Sequence[str]) -> Meaning | None:
     for pattern, meaning in _by_first_word().get(words[0], ()):
         if len(words) < len(pattern):
             continue
-        # A line may say more than the pattern: names, numbers, comments.
+        # A line may have more words than the pattern, for names, numbers and comments.
         word_pairs = zip(pattern, words, strict=False)
         if all(expected in ("*", word) for expected, word in word_pairs):
             return meaning

@@ -40,7 +40,7 @@ class BenchTwin(BenchBody):
         super().__init__(robot, scene.readings, scene.end_stops)
         self.physics = Physics()
         self._random_physics = physics if isinstance(physics, RandomPhysics) else None
-        # Without any, the body keeps the firmware's own simulation of motors.
+        # Without physics, the body keeps the firmware's own simulation of motors.
         if isinstance(physics, Physics):
             self._apply(physics)
         elif physics is not None:
@@ -84,7 +84,7 @@ def make_body(
     """
     robot.check_complete()
     scene = scene or OPEN_FLOOR
-    # From here on end stops are the robot's alone, whoever gave them.
+    # End stops belong to the robot alone from here on, whoever gave them.
     robot = with_end_stops(robot, {**scene.end_stops, **end_stops})
     scene = replace(scene, end_stops={})
     if not lies_on_bench(robot, scene):
@@ -94,7 +94,7 @@ def make_body(
                 "readings, or the model "
                 "(model=None), and it lies on the bench"
             )
-        # Late: a robot on the bench needs no MuJoCo.
+        # This comes late, because a robot on the bench needs no MuJoCo.
         check_mujoco()
         from bricktwin.twin.mujoco_body import MujocoBody
 
@@ -141,10 +141,10 @@ def check_mujoco() -> None:
             error,
         )
         os.environ["MUJOCO_GL"] = "disable"
-        # For the error of a renderer, which has to name what the user asked for.
+        # A renderer that fails names the backend that the user asked for.
         os.environ[ASKED_GL] = backend
         for name in list(sys.modules):
-            # Compiled modules stay: they can be loaded only once.
+            # Compiled modules stay, because they can be loaded only once.
             is_compiled = "._" in name
             if name == "mujoco" or (name.startswith("mujoco.") and not is_compiled):
                 del sys.modules[name]

@@ -26,7 +26,8 @@ MAX_PIECES = 8
 """Most pieces in a step."""
 MIN_VISIBLE = 0.25
 """Smallest share of a part that its picture shows."""
-# While a view is tried out with few rays, which see less exactly than those of the picture:
+# These limits hold while a view is tried out: its few rays see less exactly than those of the
+# picture.
 _ENOUGH = 0.45
 """Smallest visible share of all parts for which the view is not turned."""
 _HIDDEN = 0.33
@@ -123,7 +124,7 @@ class _Author:
     joints: Mapping[int, list[tuple[Connection, Site, int, Site]]] = field(init=False)
 
     def __post_init__(self) -> None:
-        # One for all steps, as it counts the queries of the whole booklet.
+        # One Occupancy serves all steps, because it counts the queries of the whole booklet.
         self.occupancy = Occupancy(self.plan.parts, _MAX_QUERIES)
         links = connections(self.plan.parts)
         self.links = links_of(self.plan.parts, links)
@@ -176,8 +177,8 @@ class _Author:
                 pieces.append(move)
             else:
                 pieces += [Move((item,), move.outward) for item in move.items]
-        # As few steps as with the most pieces in each, but with the last one as full as the others:
-        # the smallest limit that needs no more steps.
+        # A smaller limit that needs as many steps spreads the pieces evenly: else the last step
+        # might hold a single piece.
         fullest = self._filled(
             pieces,
             depth,
@@ -208,7 +209,7 @@ class _Author:
                     split[-1].append(move)
                     continue
             few = [move]
-            # What hangs on nothing yet is shown with what will hold it.
+            # A piece that nothing holds yet is shown together with the piece that will hold it.
             while split and len(split[-1]) > 1 and self._is_few([split[-1][-1], *few], depth):
                 last = split[-1][-1]
                 if not self._waits(last, split, before):
@@ -251,7 +252,8 @@ class _Author:
     ) -> Iterator[Instruction]:
         """An instruction for some moves, or two if some of their parts cannot be seen."""
         scene, hidden = self._best_scene(moves, before)
-        # In fewer moves, one part hides less of another.
+        # With fewer moves at once one part hides less of another, so the step is shown in two
+        # halves.
         if hidden and len(moves) > 1:
             half = len(moves) // 2
             yield from self._shown(
@@ -290,7 +292,8 @@ class _Author:
         bright = frozenset(part for move in moves for part in move.parts)
         items = [item for move in moves for item in move.items]
         best: tuple[float, Scene, list[tuple[int, ...]]] | None = None
-        # The default first, then the view of the step before: each once, in this order.
+        # The default view is tried first, then that of the step before; `dict.fromkeys` drops
+        # repetitions and keeps this order.
         for view in dict.fromkeys((VIEWS[0], self.view, *VIEWS)):
             picture = self.studio.picture(shown, view, _TRIAL_ZOOM)
             shares = [picture.visible(item) for item in items]
@@ -320,7 +323,8 @@ class _Author:
             if items:
                 few.append(Move(items, move.outward))
         scene, still_hidden = self._best_scene(few, frozenset(touched))
-        # What they touch hides them too: better alone than unseen.
+        # If the parts that they touch hide them, they are drawn alone: that is better than not
+        # seeing them.
         if still_hidden:
             scene, _ = self._best_scene(few, frozenset())
         return scene
@@ -335,7 +339,8 @@ class _Author:
         arrows: list[Arrow] = []
         for move in moves:
             shift = np.zeros(3)
-            # What lies on the table, or has no known way, stays where it is, without an arrow.
+            # A part that lies on the table, or whose way is unknown, is drawn in place without an
+            # arrow.
             ways = self._ways(move, shifts) if move.outward.any() else []
             if ways:
                 on_way = {part: other for part, other in shifts.items() if part not in before}
@@ -353,7 +358,7 @@ class _Author:
     ) -> float:
         """How far from its place a move is drawn, LDU: out of all holes, and apart from the parts
         that are on their way, each shifted [3]."""
-        # How deep the deepest of its pins and holes goes.
+        # The arrow is as long as the deepest of the part's pins and holes.
         longest = max(float((end - start) @ move.outward) for start, end in ways)
         distance = longest + _GAP
         for _ in range(_MAX_TRIES):
@@ -380,13 +385,13 @@ class _Author:
                 other_end = self._end(other, other_site, move.outward) + shifts[other]
                 start = line + move.outward * float(site_end @ move.outward)
                 end = line + move.outward * float(other_end @ move.outward)
-                # Lines within 4 LDU are one; adding 0 makes a zero of a negative zero, which would
-                # be another key. Of several connections on it, the outermost end counts.
+                # Arrows within 4 LDU are one line, of which the outermost end is kept. Adding 0.0
+                # turns -0.0 into 0.0, which would otherwise be a second key.
                 key = tuple((line / 4).round() + 0.0)
                 if key not in ways or (end - ways[key][1]) @ move.outward > 0:
                     ways[key] = (start, end)
         found = [ways[key] for key in sorted(ways)]
-        # Of many, the first and the last show the direction as well.
+        # The first and the last of many arrows show the direction as well as all of them do.
         return found if len(found) <= _MAX_ARROWS else [found[0], found[-1]]
 
     def _end(

@@ -82,7 +82,7 @@ class View:
         """Rows right, down, away from the viewer [3, 3], in the plan's frame."""
         turn = math.radians(self.turn_deg)
         tilt = math.radians(self.tilt_deg)
-        # The plan's y points down: what is seen from above looks along +y.
+        # The y axis of a plan points down, so a view from above looks along +y.
         x = -math.sin(turn) * math.cos(tilt)
         y = -math.sin(tilt)
         z = math.cos(turn) * math.cos(tilt)
@@ -138,11 +138,11 @@ class _Rays(NamedTuple):
 
     def spans(self, solid: Solid) -> list[_Spans]:
         """Where they are in a solid: for a ring, before and behind its bore."""
-        # Single precision, as in the sprites, which keep ten bytes a point.
+        # Single precision is enough, and a sprite then keeps ten bytes a point.
         frame = np.array(solid.axes, dtype=np.float32)
         centre = frame @ np.array(solid.centre, dtype=np.float32)
-        # In the solid's frame a ray is `across` [h, w], one for each axis, plus its depth times
-        # `along` [3].
+        # In the frame of the solid, the point of a ray at a depth is `across + depth * along`:
+        # `across` is [h, w] for each of the three axes, `along` is [3].
         turned = frame @ self.axes.T.astype(np.float32)
         across = [
             row[0] * self.x + row[1] * self.y[:, None] - middle
@@ -158,7 +158,7 @@ class _Rays(NamedTuple):
         outer = _common(_round(across[:2], along[:2], solid.half[0]), ends)
         if solid.form is Form.CYLINDER:
             return [outer]
-        # A ring is not convex: a ray through its bore is in its wall twice.
+        # A ring is not convex: a ray through its bore crosses the wall twice.
         bore = _common(_round(across[:2], along[:2], solid.half[1]), ends)
         is_bored = bore.enter < bore.leave
         before_bore = _Spans(outer.enter, np.where(is_bored, bore.enter, outer.leave))
@@ -264,7 +264,8 @@ def sprite_of(
     top = min(box.top for box in boxes)
     height = max(box.bottom for box in boxes) - top
     width = max(box.right for box in boxes) - left
-    # Of each ray: the depth of what it meets first, and which of the sources that is.
+    # For each ray, `depth` is where it first meets material and `source` the index in `sources` of
+    # what it meets there.
     depth = np.full((height, width), np.inf, dtype=np.float32)
     source = np.full((height, width), -1, dtype=np.int32)
     sources: list[_Source] = []
@@ -273,10 +274,12 @@ def sprite_of(
         cuts = _cuts_in(piece.cuts, box, axes, zoom)
         for span in _rays(box, axes, zoom).spans(piece.solid):
             at, cut_by = _first_material(span, cuts)
-            # Of two surfaces in one place, the piece that was drawn first is seen.
+            # Two surfaces may be in the same place. The margin keeps the one that was drawn first,
+            # whatever the rounding.
             is_nearer = at < depth[window] - 1e-3
             depth[window] = np.where(is_nearer, at, depth[window])
-            # The sources of a piece are its solid, and then its cuts: -1 is the solid.
+            # A piece adds its solid to `sources` and then its cuts, so that `cut_by` = -1 is the
+            # solid.
             source[window] = np.where(is_nearer, len(sources) + cut_by + 1, source[window])
         sources.append(_Source(piece.solid, piece.tint, is_cut=False))
         sources += [_Source(cut.solid, piece.tint, is_cut=True) for cut in cuts]
@@ -300,7 +303,7 @@ def _cuts_in(
     """The cuts that rays of a box may meet; one with a bore is two."""
     found: list[_Cut] = []
     for cut in cuts:
-        # Only the rays that the piece and the cut share are followed.
+        # Following only the rays that the piece and the cut share saves most of the work.
         whole = _pixel_box(cut, axes, zoom)
         shared = _Box(
             max(whole.left, box.left),
@@ -348,8 +351,8 @@ def _first_material(span: _Spans, cuts: Sequence[_Cut]) -> tuple[Reals, Ints]:
     they come out of, -1 for none."""
     at = span.enter.copy()
     cut_by = np.full(span.enter.shape, -1)
-    # Cuts overlap, as a bore and its recesses do: behind one, a ray may be in another that came
-    # before it in the list.
+    # Cuts overlap, as a bore and its recesses do, so a ray that leaves one may be in another that
+    # was tested before it.
     for _ in range(_MAX_PASSES if cuts else 0):
         has_moved = False
         for number, (_, window, cut) in enumerate(cuts):
@@ -378,7 +381,8 @@ def _shaded(
     normals = np.zeros((*depth.shape, 3), dtype=np.float32)
     tint = np.zeros(depth.shape, dtype=np.uint8)
     shade = np.ones(depth.shape, dtype=np.float32)
-    # All points are sorted by their source once, instead of searched for each of the sources.
+    # One sort by source finds the points of all sources; searching the picture for each would take
+    # a pass for each.
     order = np.argsort(source, axis=None, kind="stable")
     bounds = np.searchsorted(source.ravel()[order], np.arange(len(sources) + 1))
     for number, (solid, material, is_cut) in enumerate(sources):
@@ -390,7 +394,7 @@ def _shaded(
         y = (rows + top + 0.5) / zoom
         in_view = np.column_stack([x, y, depth[rows, columns]])
         in_part = np.asarray(in_view @ axes, dtype=float)
-        # The surface of a hole looks into it.
+        # The surface of a cut is seen from its inside, so its normals are reversed.
         outward = solid.normals(in_part) @ axes.T * (-1.0 if is_cut else 1.0)
         normals[rows, columns] = outward
         tint[rows, columns] = material
@@ -412,7 +416,7 @@ def _edges(depth: Reals, normals: Reals) -> Bools:
     is_edge = np.zeros(depth.shape, dtype=bool)
     for first, second in _neighbours():
         is_both = np.isfinite(depth[first]) & np.isfinite(depth[second])
-        # Where the part is at neither of them, one infinity is subtracted from another.
+        # Where the part is at neither point, infinity minus infinity is NaN, and NumPy would warn.
         with np.errstate(invalid="ignore"):
             jumps = np.abs(depth[first] - depth[second]) > _JUMP
         folds = np.einsum("ijk,ijk->ij", normals[first], normals[second]) < _FOLD
@@ -484,7 +488,7 @@ class Picture:
         height, width = self.depth.shape
         if not (0 <= x < width and 0 <= y < height):
             return False
-        # A point on a part's surface is not hidden by that part: it must be clearly in front.
+        # A part does not hide a point on its own surface, so only what is clearly in front counts.
         return bool(self.depth[y, x] < self.view.axes[2] @ point - _JUMP)
 
     def pixels(
@@ -495,7 +499,7 @@ class Picture:
         """The picture [h, w, 3] on paper of a colour; ``bright``: parts in full colour, the others
         fade; ``None`` fades none."""
         image = self._painted(bright, paper)
-        # The mean of the rays of a pixel, rounded.
+        # A pixel is the mean of its rays; 0.5 is added because the conversion to integers cuts off.
         parts = [
             image[row::OVERSAMPLING, column::OVERSAMPLING]
             for row, column in np.ndindex(OVERSAMPLING, OVERSAMPLING)
@@ -509,8 +513,8 @@ class Picture:
         paper: tuple[float, float, float],
     ) -> Reals:
         """The colour of each ray [h, w, 3] in 0..1."""
-        # Tables by the index of a part; -1, the last row, is the paper. A colour is `white`, plus
-        # `tones` times the brightness.
+        # These tables have a row for each part, and a last one (-1) for the paper. A colour is
+        # `white` plus `tones` times the brightness.
         count = max(self.colours, default=0) + 2
         tones, white = np.zeros((2, count, len(Tint), 3), dtype=np.float32)
         outline, inner_line = np.full((2, count), _FADED_EDGE, dtype=np.float32)
@@ -529,7 +533,7 @@ class Picture:
         lit = tones[self.owner, self.tint] * self.shade[..., None]
         image = np.minimum(white[self.owner, self.tint] + lit, 1.0)
         image[self.edge] = inner_line[self.owner[self.edge], None]
-        # Between two parts, on both sides, the line is that of the one with the darker lines: a
+        # The line between two parts has the darker of their two tones, on both sides, so that a
         # bright part stands out from faded ones.
         for first, second in _neighbours():
             first_owner = self.owner[first]
@@ -538,7 +542,7 @@ class Picture:
             first_line = outline[first_owner[rows, columns]]
             second_line = outline[second_owner[rows, columns]]
             dark = np.minimum(first_line, second_line)[:, None]
-            # Both are views of one image.
+            # Both sides are views of the same image, so writing to them changes it.
             for side in (image[first], image[second]):
                 side[rows, columns] = np.minimum(side[rows, columns], dark)
         return np.asarray(image)
@@ -574,7 +578,7 @@ class Studio:
         top = min(place.top for place in places) - margin
         right = max(place.left + place.sprite.depth.shape[1] for place in places) + margin
         bottom = max(place.top + place.sprite.depth.shape[0] for place in places) + margin
-        # Whole pixels.
+        # The size is a whole number of pixels, so that each pixel has all of its rays.
         width = _rounded_up(right - left, OVERSAMPLING)
         height = _rounded_up(bottom - top, OVERSAMPLING)
         depth = np.full((height, width), np.inf, dtype=np.float32)
@@ -629,7 +633,8 @@ class Studio:
         axes: Floats,
         zoom: float,
     ) -> Sprite:
-        # Rounded, as turned assemblies have axes that differ in their last digits.
+        # Turned assemblies have axes that differ in their last digits only; rounding lets them
+        # share a sprite.
         key = (placed.part.number, axes.round(4).tobytes(), zoom)
         if key not in self._sprites:
             sprite = sprite_of(placed.part, axes, zoom)

@@ -36,8 +36,8 @@ def find(number: str) -> Part | None:
     number = number.lower().removesuffix(".dat")
     plain = _PRINTED.fullmatch(number)
     part = _by_number().get(number)
-    # The whole number first: a part of its own may have a number that looks like a print, as
-    # 39367p02 has.
+    # The whole number is looked up first, because a part of its own may have one that looks like a
+    # print, as 39367p02 does.
     if part is None and plain is not None:
         part = _by_number().get(plain[1])
     return part

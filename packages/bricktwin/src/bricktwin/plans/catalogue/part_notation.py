@@ -57,7 +57,7 @@ def points(text: str) -> list[Triple]:
     """Points of a text such as ``"0,0,-20 ±40,0,0..60"``."""
     found: list[Triple] = []
     for word in text.split():
-        # Each coordinate may be several: all of their combinations.
+        # A coordinate may list several values. A word then stands for all of their combinations.
         values = [_coordinates(coordinate) for coordinate in word.split(",")]
         found += [(x, y, z) for x, y, z in itertools.product(*values)]
     return found
@@ -91,7 +91,8 @@ def _range(
 ) -> list[float]:
     """Values from the first one to the last one, both included."""
     span = last - first
-    # It may run downwards, as from 60 to 0: the order of a beam's holes is that of its kinds.
+    # A range may run downwards, as from 60 to 0, because its order is the order of the holes in a
+    # beam.
     stride = math.copysign(step, span)
     count = round(span / stride) + 1
     return [first + stride * index for index in range(count)]
@@ -140,7 +141,8 @@ def beam(text: str) -> tuple[tuple[Site, ...], tuple[Solid, ...]]:
         _, along, kinds = head.split()
         (axis, thickness) = _axis(along)
         centres = points(places)
-        # A bar between each two holes; the tubes around the holes make its ends round.
+        # A beam is drawn as a bar between each two holes; the tubes around the holes round its
+        # ends.
         for start, end in itertools.pairwise(centres):
             bars.append(
                 bar(
@@ -154,7 +156,8 @@ def beam(text: str) -> tuple[tuple[Site, ...], tuple[Solid, ...]]:
         for index, (kind, centre) in enumerate(zip(kinds, centres, strict=True)):
             if kind == "-":
                 continue
-            # A cross lies along its beam: towards the hole before it, of the first one the next.
+            # The cross of a hole lies along its beam: towards the hole before it, or for the first
+            # hole towards the next.
             neighbour = index - 1 if index else min(1, len(centres) - 1)
             arm = np.array(centre) - np.array(centres[neighbour])
             arm /= max(float(np.linalg.norm(arm)), 1e-9)
@@ -165,7 +168,7 @@ def beam(text: str) -> tuple[tuple[Site, ...], tuple[Solid, ...]]:
                 thickness,
                 arm=triple(arm),
             )
-            # Of chains that meet, the first one says how the cross lies.
+            # Where chains meet, the first one decides how the cross lies.
             found.setdefault(centre, hole)
     holes = tuple(found.values())
     return holes, (*bars, *_tubes(holes))

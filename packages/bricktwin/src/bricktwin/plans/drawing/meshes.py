@@ -58,7 +58,8 @@ def _solid(solid: Solid) -> Floats:
     scale = np.array([solid.half[0], solid.half[0], solid.half[2]])
     profile = [(0.0, -1.0), (1.0, -1.0), (1.0, 1.0), (0.0, 1.0)]
     if solid.form is Form.BOX:
-        # A cylinder with four sides: its corners, not its sides, are at radius 1.
+        # A box is drawn as a cylinder with four sides, whose corners are at radius 1; its sides are
+        # nearer.
         sides = 4
         phase = math.pi / 4
         scale = np.array(solid.half) * [math.sqrt(2), math.sqrt(2), 1.0]
@@ -69,7 +70,7 @@ def _solid(solid: Solid) -> Floats:
         profile = [(math.cos(angle), math.sin(angle)) for angle in _BALL_ANGLES]
     local = _revolved(profile, sides, phase, scale)
     triangles = local @ np.array(solid.axes) + np.array(solid.centre)
-    # Left-handed axes turn each triangle inside out.
+    # Left-handed axes turn each triangle inside out, so its corners are reversed.
     if np.linalg.det(solid.axes) <= 0:
         triangles = triangles[:, ::-1]
     return np.asarray(triangles)
@@ -112,15 +113,17 @@ def _without_hidden(solids: Sequence[Solid], surfaces: list[Floats]) -> list[Flo
         covered = np.zeros(len(outer), dtype=bool)
         duplicate = np.zeros(len(outer), dtype=bool)
         for other, solid in enumerate(solids):
-            # Most pairs are told apart by their boxes, which costs much less than their points.
+            # The boxes of most pairs do not meet, which costs much less to find out than testing
+            # points.
             if not solids_meet(solids[number], solid):
                 continue
             if other != number:
                 covered |= solid.contains(outer, 0.0)
-            # Of two surfaces in the same place, the earlier solid's stays.
+            # Where two surfaces coincide, that of the earlier solid stays.
             if other < number:
                 duplicate |= solid.contains(inner, 0.0)
-        # All four points of a triangle must be hidden: nothing is cut through the middle.
+        # A triangle is removed only if all four of its points are hidden, because triangles are
+        # never cut.
         is_covered = covered.reshape(-1, 4).all(axis=1)
         is_duplicate = duplicate.reshape(-1, 4).all(axis=1)
         visible.append(triangles[~(is_covered | is_duplicate)])
@@ -132,7 +135,8 @@ def offset_points(triangles: Floats, distance: float) -> Floats:
     middle, and near the corners."""
     centres = triangles.mean(axis=1, keepdims=True)  # [n, 1, 3]
     normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
-    # A triangle without an area keeps a normal of 0 and is sampled on itself.
+    # The limit keeps the normal of a triangle without an area at 0, instead of dividing by 0; its
+    # samples lie on it.
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
     near_corners = centres + _SPREAD * (triangles - centres)
     samples = np.concatenate([centres, near_corners], axis=1)
