@@ -40,7 +40,7 @@ class LinkProfile:
     wake_ms: float = 0.0
 
 
-# Interval, jitter, loss, burst, lost notifications, wake-up.
+# The columns are interval, jitter, loss, burst, lost notifications and wake-up.
 PROFILES = {
     "mac": LinkProfile(
         15.0,
