@@ -104,7 +104,7 @@ class HubEnv(RobotEnv, EnvBase):  # type: ignore[misc]
     ) -> TensorDictBase:
         return self.reconnect.until_answered(
             self._begin,
-            # A virtual hub's program is deterministic: retrying would fail again.
+            # A virtual hub's program is deterministic, so retrying would fail again.
             is_final=lambda error: isinstance(error, HubProgramError) and self.twin is not None,
         )
 
@@ -143,7 +143,7 @@ class HubEnv(RobotEnv, EnvBase):  # type: ignore[misc]
             episode.age_s = age_s  # of the last step that has an outcome
             self.link_error = error
             self.reconnect.failed(error)
-            # Tensors of their own, as a caller may change one of them.
+            # Each end is a tensor of its own, because a caller may change one of them.
             ends = {
                 "terminated": torch.zeros(1, dtype=torch.bool),
                 "truncated": torch.ones(1, dtype=torch.bool),
@@ -165,7 +165,7 @@ class HubEnv(RobotEnv, EnvBase):  # type: ignore[misc]
             )
         if episode is None:
             raise BricksError(f"{task.id} has no episode to step; reset the environment first")
-        # Before the action: a motor must not push against what is in the way.
+        # This comes before the action, because a motor must not push against what is in the way.
         self._wait_while_blocked(episode)
         observation, reward, terminated = self._outcome(episode, action)
         self._check_outcome(
@@ -179,7 +179,7 @@ class HubEnv(RobotEnv, EnvBase):  # type: ignore[misc]
         episode.images = self.image()
         episode.step_count += 1
         episode.rewards.append(float(reward))
-        # Only after the step, so that no step spans a pause.
+        # A pause begins only after the step, so that no step spans one.
         if self._is_paused:
             episode.is_cut = True
             self._guarded(self._connected().link.rest)
@@ -205,7 +205,7 @@ class HubEnv(RobotEnv, EnvBase):  # type: ignore[misc]
     ) -> None:
         """Raise DescriptionError for a reward or an end that no agent can learn from."""
         task = self.task
-        # Numbers one by one: an operation of torch's costs more than the check.
+        # Numbers are checked one by one, because an operation of torch costs more than the check.
         if not all(map(math.isfinite, reward.flatten().tolist())):
             raise DescriptionError(
                 f"the reward of {task.id} is {reward.tolist()} in step {episode.step_count + 1}, "

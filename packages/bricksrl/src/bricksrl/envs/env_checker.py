@@ -54,7 +54,7 @@ def check_env(env_id: str) -> Iterator[Finding]:
 
 
 def _all_checks(env_id: str, task: Task) -> Iterator[Finding]:
-    # What needs no robot comes first: an error there explains those that follow.
+    # What needs no robot comes first, because an error there explains those that follow.
     checks: dict[str, Callable[[], str]] = {
         "description": lambda: _description(task),
         "functions": lambda: _functions(task),
@@ -82,7 +82,7 @@ def _said_once() -> Iterator[None]:
         said.add(text)
         return is_first
 
-    # Where nothing is set up, Python prints warnings by its last resort.
+    # Where no logging is set up, Python prints warnings by its last resort.
     found: list[logging.Handler | None] = [*logging.getLogger().handlers]
     found = found or [logging.lastResort]
     handlers = [handler for handler in found if handler is not None]
@@ -109,10 +109,11 @@ def run_checks(checks: dict[str, Callable[[], str]]) -> Iterator[Finding]:
         except Exception as error:  # noqa: BLE001 - any error of the user's functions is a finding
             text = str(error)
             if not isinstance(error, (Broken, BricksError)):
-                # Of the user's code: only type and line say what it is about.
+                # An error of the user's code is told by its type and line, because nothing else
+                # says what it is about.
                 text = f"{type(error).__name__}: {error}{line_of_user(error)}"
             text = " ".join(text.split())
-            # One fault fails many checks; it is said once.
+            # One fault may fail many checks, but is told only once.
             first = first_checks.setdefault(text, name)
             yield Finding(name, Outcome.ERROR, text if first == name else f"the same as in {first}")
 
@@ -199,7 +200,7 @@ def _specs(env_id: str) -> str:
             try:
                 check_env_specs(env, seed=_SEED)
             except AssertionError as error:
-                # TorchRL prints both specs in whole below it.
+                # TorchRL prints both specs in full below its first line.
                 first_line, _, _ = str(error).partition("\n")
                 raise Broken(
                     f"what it returns does not fit its specs: {first_line[:_MOST_SHOWN]}"
@@ -262,7 +263,8 @@ def _twin(env_id: str) -> str:
             raise Skip("it is simulated without a robot")
         state = env.reset()
         started_s = twin.now_s()
-        # Both ends, the middle, and one value twice: some change shows in every kind of command.
+        # Both ends, the middle, and one value twice: with these, every kind of command shows some
+        # change.
         before = state["observation"]
         changed = torch.zeros_like(before, dtype=torch.bool)
         for value in (1.0, 0.0, -1.0, 0.5, 0.5):
@@ -351,7 +353,7 @@ def _outcome(
 ) -> TensorDictBase:
     """Observations and rewards of two steps in which one command has a value, and the others are
     0."""
-    # The other commands rest, so that a change is this one's.
+    # The other commands rest, so that a change is caused by this one.
     action = torch.zeros(count)
     action[index] = value
 
@@ -376,7 +378,7 @@ def _functions(task: Task) -> str:
     before, after = low + (high - low) * share  # [steps, n] each
     action = 2 * torch.rand((steps, commands), generator=generator) - 1
     episodes = torch.stack((after, after))
-    # What each returns, and the shape that it should have.
+    # Each function is listed with what it returns, and the shape that this should have.
     shapes = {
         "reward": (task.reward(before, action, after), (steps, 1)),
         "terminated": (task.terminated(after), (steps, 1)),

@@ -132,7 +132,7 @@ def make(
             device,
             kinematics,
         )
-    # What is given wrongly is refused before anything that takes seconds is loaded.
+    # Wrong options are refused before anything is loaded that takes seconds.
     address = parse_hub(options.hub)
     spec = registration(env_id)
     task = build_task(env_id, spec, options.options)
@@ -158,7 +158,7 @@ def make(
     env_type = HubEnv if task.base_env is None else OwnEnv
     env = env_type(described, connect, seed=seed)
     if address.is_virtual:
-        # A real robot's environment has no `remake`: there cannot be two links to one hub.
+        # A real robot's environment has no `remake`, because there cannot be two links to one hub.
         env.remake = functools.partial(make, env_id, options.as_it_is())
     return _transformed(env, options)
 
@@ -218,7 +218,7 @@ def _make_simulation(
         device=device,
         seed=seed,
     )
-    # What is pickled has no transforms of its own: TorchRL pickles those around it.
+    # The pickled environment has no transforms of its own, because TorchRL pickles those around it.
     simulation.remake = functools.partial(
         make,
         env_id,
@@ -288,10 +288,11 @@ def _make_processes(
         plain,
         seed=seed,
     )
-    # Not forked: threads of torch and MuJoCo do not survive it.
+    # Processes are spawned and not forked, because threads of torch and MuJoCo do not survive a
+    # fork.
     env = Processes(copies, make_one, mp_start_method="spawn")
     env.start()
-    # attributes do not cross process boundaries
+    # Attributes do not cross process boundaries, so the task is built here as well.
     env.task = build_task(env_id, registration(env_id), plain.options)
     return env
 
@@ -352,7 +353,8 @@ def _virtual(task: Task, options: EnvOptions) -> Callable[[int], Connection]:
             seed=twin_seed,
         )
         if isinstance(twin, VirtualHub):
-            # What the task's channels read by radio is there to connect to.
+            # The devices that the task's channels read by radio are near, so that the program can
+            # connect to them.
             twin.machine.panel.near |= {
                 channel.wireless for channel in task.interface.channels if channel.wireless
             }
@@ -366,8 +368,8 @@ def _virtual(task: Task, options: EnvOptions) -> Callable[[int], Connection]:
             twin.now_s,
         )
         readers = tuple(reader_of(sensor, world) for sensor in task.sensors)
-        # A robot with faults is somebody's own, to which the calibration that was saved for the
-        # virtual hub belongs.
+        # A robot with faults stands for somebody's own one, so the calibration that was saved for
+        # the virtual hub applies to it.
         calibrate = calibration_of(twin) if options.fault and isinstance(twin, VirtualHub) else None
         robot_link = _link(
             task,

@@ -107,7 +107,7 @@ class EnvOptions(TransformOptions):
         if self.link is not None:
             profile(self.link)  # raises for an unknown name
         if self.transform is not None:
-            # it can be used in any folder
+            # An absolute path works in any folder.
             object.__setattr__(self, "transform", with_absolute_file(self.transform))
         if self.randomize and self.physics is not None:
             raise DescriptionError(

@@ -65,7 +65,8 @@ def _on_robot(task: Task) -> Callable[..., Task]:
                 f"{task.id} is not for robot '{robot}'{hint(robot, known)}; choose "
                 f"{' or '.join(known)}"
             )
-        # The very task where nothing changes: what is registered can be compared.
+        # Where nothing changes, the very same task is returned, so that it can be compared with the
+        # registered one.
         return task if robot == task.robot.name else replace(task, robot=known[robot])
 
     return build
@@ -183,7 +184,7 @@ def option_types(env_id: str) -> dict[str, Any]:
     if env_id not in _BUILT_IN:
         return {}
     builder = _BUILT_IN[env_id].build
-    # Some are partial functions, which have no annotations of their own.
+    # Some makers are partial functions, which have no annotations of their own.
     function = getattr(builder, "func", builder)
     return typing.get_type_hints(function, include_extras=True)
 
@@ -238,7 +239,7 @@ def _unknown_option(
         of_all = [*ARGUMENTS["simulation"], *TRANSFORMS]
     own = f"its task has {', '.join(of_task) or 'none'}"
     all_have = f"all environments like it have {', '.join(of_all)}"
-    # Python's own words for it, which whoever searches for the error takes.
+    # These are Python's own words, which somebody would search for.
     python_message = f"unexpected keyword argument '{option}'"
     return (
         f"{env_id} has no option {option}{hint(option, [*of_task, *of_all])}; {own}, "

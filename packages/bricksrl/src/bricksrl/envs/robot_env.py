@@ -90,7 +90,7 @@ class RobotEnv(BricksEnv):
         return lambda: self._watchers.remove(watcher)
 
     def stop(self) -> None:
-        # First the flag, which ends a wait and keeps a link that opens just now from moving.
+        # The flag is set first. It ends a wait, and keeps a link that is just opening from moving.
         with self._changed:
             self._is_stopped = True
             self._is_confirmed = False
@@ -135,7 +135,8 @@ class RobotEnv(BricksEnv):
 
     def _set_seed(self, seed: int | None) -> None:
         self._seed = seed
-        # Streams of their own: a place that draws more changes no goal and no twin.
+        # Each part draws from a stream of its own, so that a place that draws more changes neither
+        # goal nor twin.
         host, place, twin = np.random.SeedSequence(seed).spawn(3)
         self._host_rng = np.random.default_rng(host)
         self._place_rng = np.random.default_rng(place)
@@ -152,7 +153,7 @@ class RobotEnv(BricksEnv):
         true_pose = self._connected().true_pose
         task = self.task
         measured_s = link.now_s() - reading.age_s
-        # The order of draws is that of seeded runs: entries, target, camera.
+        # Seeded runs rely on this order of draws: entries, target, camera.
         drawn = [entry.draw(self._host_rng) for entry in task.sampled_entries]
         tracker = None
         if task.target is not None:
@@ -260,7 +261,7 @@ class RobotEnv(BricksEnv):
             episode.tracker.follow(reading.values)
         if episode.watch is not None:
             episode.watch.see(self._guarded(self._camera.frame))
-        # A task may report the distance and not observe it.
+        # A task may report the distance without observing it.
         measured = forward_mm[: len(self.task.measured_entries)]
         return episode.observe(self._channels(reading, episode), measured)
 
@@ -319,7 +320,7 @@ class RobotEnv(BricksEnv):
                 watcher(self._connection)
             twin = self._connection.twin
             if twin is not None:
-                # Its link breaks by a fault of the robot, or where a test takes it out of reach.
+                # Such a link breaks by a fault of the robot, or where a test takes it out of reach.
                 by_itself = twin.in_reach
                 twin.in_reach = lambda: by_itself() and self.in_reach()
             self._check_stop()  # a stop requested before this had no link to act on

@@ -143,7 +143,7 @@ class GymnasiumEnv(gymnasium.Env[Observation, Array]):
         self._hint = ""
         if registered is not None:
             self._hint = _longer(self.max_episode_steps, registered.max_episode_steps)
-        # Its wrapper counts the steps from here on.
+        # The wrapper counts the steps from here on.
         self.max_episode_steps = None
 
     def reset(
@@ -161,7 +161,7 @@ class GymnasiumEnv(gymnasium.Env[Observation, Array]):
         self._observations = []
         self._info = {}
         self._ended = False
-        # No info: nothing has happened that could be judged.
+        # There is no info, because nothing has happened yet that could be judged.
         return self._observation(self.env.reset()), {}
 
     def step(self, action: Array) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
@@ -174,7 +174,7 @@ class GymnasiumEnv(gymnasium.Env[Observation, Array]):
         sent = TensorDict({"action": torch.tensor(action, dtype=torch.float32)}, batch_size=())
         result = self.env.step(sent)["next"]
         if link_lost(sent.set("next", result)):
-            # The step has no outcome: the metrics stay those of the step before.
+            # The step has no outcome, so the metrics stay those of the step before.
             self._ended = True
             info = self._info | self._successes(False) | {"link_lost": True}
             return self._observation(result), 0.0, False, True, info
@@ -184,7 +184,7 @@ class GymnasiumEnv(gymnasium.Env[Observation, Array]):
         terminated = bool(result["terminated"])
         truncated = is_over or bool(result["truncated"])
         self._ended = terminated or truncated
-        # Judged after each step, as whoever ends an episode does not tell it.
+        # Episodes are judged after each step, because whoever ends one does not say so.
         episode = self.env.task_observations(torch.stack(self._observations))
         metrics = metrics_of(self.env.task, episode)
         is_success = success_of(self.env.task, episode)
@@ -202,7 +202,7 @@ class GymnasiumEnv(gymnasium.Env[Observation, Array]):
             from bricktwin.twin.mujoco_body import MujocoBody
             from bricktwin.twin.render.opengl import Renderer
 
-            # Faults are of the robot's devices; the body that is drawn is behind them.
+            # Faults belong to the robot's devices, and the body that is drawn is behind them.
             body = None if self.env.twin is None else sound_body(self.env.twin.body)
             if not isinstance(body, MujocoBody):
                 raise RenderingUnavailableError(
@@ -248,7 +248,7 @@ class GymnasiumEnv(gymnasium.Env[Observation, Array]):
         registered = gymnasium.registry.get(self._spec.id)
         if registered is None:
             return
-        # The wrapper ends an episode without telling: its number of steps is the sign.
+        # The wrapper ends an episode without saying so, but the number of steps shows it.
         if len(self._observations) == registered.max_episode_steps:
             _log.warning("%s: %s", self.env.task.id, self._hint)
             self._hint = ""
@@ -325,7 +325,7 @@ class GymnasiumVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
         self.single_action_space = Box(-1.0, 1.0, self.env.action_spec.shape[1:])
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
-        # Whole episodes are kept, as success and metrics judge them at their end.
+        # Whole episodes are kept, because success and metrics are judged at their end.
         self._episodes = torch.zeros(num_envs, task.max_steps, len(task.entries))
         self._copies = torch.arange(num_envs)
         self._steps = torch.zeros_like(self._copies)
@@ -377,7 +377,7 @@ class GymnasiumVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
         )
         sent = TensorDict({"action": batch}, self.env.batch_size, device=self.env.device)
         result = self.env.step(sent)["next"]
-        # A copy that starts in this step has ignored its action: it is paid nothing, and goes on.
+        # A copy that starts in this step has ignored its action, so it gets no reward and goes on.
         reward, terminated, truncated = (
             result[name].squeeze(-1).cpu().masked_fill(starts, 0)
             for name in ("reward", "terminated", "truncated")
@@ -388,14 +388,14 @@ class GymnasiumVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
             observation = result["observation"].cpu().numpy().copy()
         self._store(torch.from_numpy(observation))
         self._steps += ~starts  # the first step overwrites the start
-        # The simulation inside has no limit: see `_ENDLESS`.
+        # The simulation inside has no limit (see `_ENDLESS`), so it is applied here.
         if self._max_steps is not None:
             truncated |= self._steps >= self._max_steps
         self._ended = terminated | truncated
         info = self._info()
         if self.autoreset_mode is AutoresetMode.SAME_STEP and self._ended.any():
             ended = self._ended.numpy()
-            # as in Gymnasium: None for the others
+            # As in Gymnasium, copies that go on have None here.
             final = np.full(self.num_envs, None, dtype=object)
             for copy in ended.nonzero()[0]:
                 final[copy] = observation[copy]
@@ -431,7 +431,7 @@ class GymnasiumVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
         """Metrics and success of the episodes that just ended, each with a mask of their copies, as
         in Gymnasium."""
         info: dict[str, Any] = {}
-        # Episodes of one length are judged in one batch.
+        # Episodes of the same length are judged in one batch.
         for steps in self._steps[self._ended].unique().tolist():
             is_of_length = self._ended & (self._steps == steps)
             copies = is_of_length.nonzero().squeeze(-1)
@@ -491,7 +491,7 @@ def _made(
     **named: Any,
 ) -> Any:
     env = make(env_id, options, **named)
-    # TorchRL's transforms stand around the environment, and Gymnasium's users would not see them.
+    # TorchRL's transforms stand around the environment, where Gymnasium's users would not see them.
     if interface_of(env) is not env:
         raise UnknownOptionError(
             "Gymnasium has wrappers of its own; omit frame_stack, frame_skip and transform"
@@ -585,7 +585,8 @@ class _Goals:
     ) -> torch.Tensor:
         achieved = torch.as_tensor(np.asarray(achieved_goal, np.float32))
         desired = torch.as_tensor(np.asarray(desired_goal, np.float32))
-        # The other entries stay 0: rewards of goals depend on goals and reached entries alone.
+        # The other entries stay 0, because rewards of goals depend only on goals and reached
+        # entries.
         state = torch.zeros(*achieved.shape[:-1], self._size)
         state[..., self._parts["achieved_goal"]] = achieved
         state[..., self._parts["desired_goal"]] = desired

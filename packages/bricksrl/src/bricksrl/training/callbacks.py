@@ -100,14 +100,14 @@ class Progress:
     ) -> Progress:
         """The progress after these episodes of ``total``."""
         last = episodes[-1]
-        # Totals before the last few episodes: of the one before them, or of the run's start.
+        # Totals are compared with those before the last few episodes, or with the run's start.
         seconds_before = 0.0
         steps_before = 0
         if len(episodes) > WINDOW:
             before = episodes[-WINDOW - 1]
             seconds_before = before.seconds
             steps_before = before.steps
-        # A clock may not have moved on between two very short ones.
+        # A clock may not have moved on between two very short episodes.
         seconds = max(last.seconds - seconds_before, 1e-9)
         steps_per_s = (last.steps - steps_before) / seconds
         episodes_left = total - len(episodes)
@@ -201,7 +201,7 @@ class CallbackList(Callback):
     """Several callbacks as one, called in order."""
 
     def __init__(self, *callbacks: Callback) -> None:
-        # By name, so that a method that comes to the base class is passed on too.
+        # Callbacks are passed on by name, so that a new method of the base class is passed on too.
         for name in vars(Callback):
             if name.startswith("on_"):
                 setattr(self, name, self._caller(name, callbacks))

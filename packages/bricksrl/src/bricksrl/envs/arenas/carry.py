@@ -70,7 +70,7 @@ _APART_M = (-2.0 * _FARTHEST_M, 2.0 * _FARTHEST_M)
 _PLACE_M = (-_FARTHEST_M, _FARTHEST_M)
 
 ENTRIES = (
-    # There are no walls: positions have only nominal ranges.
+    # There are no walls, so positions have only nominal ranges.
     Entry("x", -2.0, 2.0, "m", limits=_PLACE_M),
     Entry("y", -2.0, 2.0, "m", limits=_PLACE_M),
     Entry("heading_cos", -1.0, 1.0),
@@ -155,14 +155,14 @@ def push(observation: Tensor) -> Tensor:
     y = observation[..., 1]
     cos = observation[..., 2]
     sin = observation[..., 3]
-    # of the beam in the world: positive when its left lags
+    # This angle of the beam in the world is positive when its left end lags.
     beam_sin = observation[..., 6] * sin + observation[..., 7] * cos
     home = torch.where(y >= 0, 0.2, -0.2) - y
     lead = -beam_sin * y.sign()
     speed = (1.0 - 6.0 * lead.clamp_min(0.0)).clamp(0.1, 1.0)
     ahead = torch.ones_like(y)
     left = 2.0 * home.clamp(-0.3, 0.3)
-    # From the world's frame to the robot's.
+    # The error is turned from the world's frame into the robot's.
     own_ahead = ahead * cos + left * sin
     own_left = left * cos - ahead * sin
     steered = steer_towards(own_ahead, own_left)

@@ -133,7 +133,7 @@ class HostSensor:
                 )
             return reading
         values: tuple[float, ...] = ()
-        # The letters of a text such as "123" would pass as numbers.
+        # A text is refused first, because the letters of "123" would pass as numbers.
         if not isinstance(reading, str | bytes):
             with contextlib.suppress(TypeError, ValueError):
                 values = tuple(map(float, reading))

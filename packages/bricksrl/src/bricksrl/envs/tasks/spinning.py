@@ -49,7 +49,7 @@ from bricktwin.robots import TWO_WHEELER
 SUCCESS_DEG_S = 100.0
 """Least mean yaw rate of a successful episode."""
 
-# Places in the observation.
+# These are places in the observation.
 _YAW_RATE = slice(4, 5)
 _DIRECTION = slice(5, 6)
 

@@ -71,7 +71,7 @@ BLOCKED_AT_MM = 40.0
 """The ultrasonic sensor reports nothing nearer."""
 
 _LEGS = ("left_front", "right_front", "left_back", "right_back")
-# Places in the observation, behind the four legs.
+# These places in the observation come after the four legs.
 _TILT = slice(4, 6)
 _DISTANCE = slice(6, 7)
 
@@ -79,7 +79,7 @@ _DISTANCE = slice(6, 7)
 def shortest_angle_deg(first: Tensor, second: Tensor) -> Tensor:
     """Angle between two directions, in 0..180 degrees."""
     turn = second - first
-    # Without its whole turns, so that 359 and 1 are 2 degrees apart.
+    # Whole turns are removed, so that 359 and 1 are 2 degrees apart.
     whole_turns = (turn / 360.0).round_()
     return turn.sub(whole_turns, alpha=360.0).abs_()
 
@@ -87,7 +87,7 @@ def shortest_angle_deg(first: Tensor, second: Tensor) -> Tensor:
 def gait_reward(observation: Tensor) -> Tensor:
     """Negative deviation of the legs from a trot, 0 at best; ``[*batch, 1]``."""
     left_front, right_front, left_back, right_back = observation[..., :4].split(1, -1)
-    # In a trot the legs of an axle are half a turn apart, diagonal ones together.
+    # In a trot, the legs of an axle are half a turn apart and diagonal ones move together.
     apart = shortest_angle_deg(left_front, right_front) + shortest_angle_deg(left_back, right_back)
     together = shortest_angle_deg(left_front, right_back) + shortest_angle_deg(
         right_front, left_back

@@ -189,7 +189,7 @@ class VideoCamera:
         if self._capture is None:
             with installed("OpenCV", CameraError, '"bricksrl[vision]"'):
                 import cv2
-            # of a missing camera our own message tells
+            # Our own message tells of a missing camera, so OpenCV is silenced.
             level = cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
             self._capture = cv2.VideoCapture(view.device)
             cv2.utils.logging.setLogLevel(level)
@@ -259,7 +259,7 @@ class Watch:
         self.image = shrink(frame, self._view.image_px, self._disc)
         if self._view.goal is None or self.goal is None:
             return
-        # In the frame, not in the image, in which a small ball is a few pixels.
+        # Red is looked for in the frame, because a small ball is only a few pixels of the image.
         centres = find_red(frame, self._view.goal.red)
         found_px = distances_px(centres, self.goal)
         self.nearest_px = self._view.farthest_px
