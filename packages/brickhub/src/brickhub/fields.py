@@ -123,7 +123,8 @@ def check_arguments(
     DescriptionError if it does not."""
     try:
         signature = inspect.signature(function)
-    except (TypeError, ValueError):  # some functions in C have none
+    except (TypeError, ValueError):
+        # Some functions in C have no signature, so nothing can be checked.
         return
     names = tuple(arguments)
     try:

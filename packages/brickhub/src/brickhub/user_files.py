@@ -86,7 +86,8 @@ def _item_hint_of(alternatives: list[object]) -> object:
 
 def _alternatives_of(hint: object) -> Iterator[object]:
     """The alternatives of an annotation, and what is said of them."""
-    if hasattr(hint, "__metadata__"):  # of Annotated
+    # Only an Annotated has this attribute.
+    if hasattr(hint, "__metadata__"):
         yield from hint.__metadata__
         hint = getattr(hint, "__origin__", hint)
     # An alternative may itself be annotated, as in `Annotated[str, NotCode()] | None`.
@@ -249,7 +250,8 @@ def _load(location: str, reference: str) -> ModuleType:
     try:
         with beside(reference):
             return _run_file(Path(location)) if is_file else importlib.import_module(location)
-    except (Exception, SystemExit) as error:  # a script may end the program
+    except (Exception, SystemExit) as error:
+        # A script may end the program, which must not end this one.
         # The name in the error tells whether the module itself is missing or something that it
         # imports. A name that no module can have, such as "", raises ValueError instead.
         is_import = isinstance(error, ImportError | ValueError)
@@ -340,7 +342,8 @@ def _run_file(path: Path) -> ModuleType:
     if spec is None or spec.loader is None:
         raise ImportError(f"{path} is not a Python file")
     module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module  # dataclasses of the file look it up
+    # Dataclasses of the file look their module up here.
+    sys.modules[spec.name] = module
     spec.loader.exec_module(module)
     return module
 

@@ -48,7 +48,8 @@ class WireNumber:
     imports: ClassVar[Imports] = ()
     mirror_sign: ClassVar[int] = 1
 
-    if TYPE_CHECKING:  # fields, properties or constants of each kind
+    # Each kind has these as fields, properties or constants, so only type checkers see them here.
+    if TYPE_CHECKING:
 
         @property
         def name(self) -> str: ...

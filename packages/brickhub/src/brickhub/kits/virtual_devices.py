@@ -298,7 +298,8 @@ class SingleMotor(KitDevice):
     def _motor_report(self, bit: int) -> tuple[int, ...]:
         servo = self._servos[bit]
         voltage_mv = servo.voltage_mv or 0
-        power = trunc(voltage_mv * 10_000 / self._machine.body.battery_mv)  # in 0.01 %
+        # The message has the power in 0.01 %.
+        power = trunc(voltage_mv * 10_000 / self._machine.body.battery_mv)
         angle_mdeg = self._machine.body.angle_mdeg(servo.port)
         absolute_deg = angle_mdeg % 360_000 // 1000
         speed_pct = 100 * servo.speed_deg_s() / protocol.FULL_SPEED_DEG_S
@@ -465,7 +466,8 @@ class SingleMotor(KitDevice):
         self._set(message, lambda servo: servo.reset_angle(position_deg))
 
     def _set_duty(self, message: protocol.Message) -> None:
-        duty_pct = trunc(message.values["duty"] / 100)  # in 0.01 % in the message
+        # The message has the duty in 0.01 %.
+        duty_pct = trunc(message.values["duty"] / 100)
         self._set(message, lambda servo: servo.dc(duty_pct))
 
     def _set(

@@ -77,7 +77,8 @@ def collect(
     ours = interface_of(env)
     first = len(recorder.rows)
     complete = 0
-    lost = 0  # one after the other
+    # This counts the links that were lost in a row.
+    lost = 0
     while complete < episodes:
         number = len(recorder.rows)
         # The seed is made of the episode's number in the dataset, so that a recording that goes on

@@ -154,7 +154,8 @@ def from_table(
 def column_statistics(values: NDArray[Any]) -> Statistics:
     """Statistics of the column of one episode."""
     rows = np.asarray(values, np.float64).reshape(len(values), -1)
-    with np.errstate(invalid="ignore"):  # a missing clock reads NaN
+    # A clock that is missing reads NaN, about which NumPy would warn.
+    with np.errstate(invalid="ignore"):
         return np.stack((rows.min(0), rows.max(0), rows.mean(0), rows.std(0))), len(rows)
 
 

@@ -85,7 +85,8 @@ def export_minari(path: Path, out: Path) -> None:
     buffers = [EpisodeBuffer(**_minari_episode(episodes, k)) for k in range(len(episodes.rows))]
     policies = dict.fromkeys(row.about.policy for row in episodes.rows)
     with atomic_folder(out) as folder, _datasets_in(folder / "new"), warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # it warns that there are no authors
+        # Minari warns that no authors are named.
+        warnings.simplefilter("ignore")
         try:
             minari.create_dataset_from_buffers(
                 name,

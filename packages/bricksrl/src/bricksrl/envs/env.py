@@ -124,7 +124,8 @@ class HubEnv(RobotEnv, EnvBase):  # type: ignore[misc]
             low, high = entry.bounds
             value = values[index]
             if not math.isfinite(value):
-                continue  # a check of the environment names it
+                # A number that is not finite is left for the check of the environment to name.
+                continue
             values[index] = min(max(value, low), high)
             if values[index] != value and entry.name not in self.outside:
                 self.outside[entry.name] = value
@@ -140,7 +141,8 @@ class HubEnv(RobotEnv, EnvBase):  # type: ignore[misc]
         except (HubError, CameraError) as error:
             if episode is None:
                 raise
-            episode.age_s = age_s  # of the last step that has an outcome
+            # The age is that of the last step that has an outcome.
+            episode.age_s = age_s
             self.link_error = error
             self.reconnect.failed(error)
             # Each end is a tensor of its own, because a caller may change one of them.

@@ -124,7 +124,8 @@ def table(doc: str, heading: str) -> list[list[str]]:
     _, _, below = doc.partition(f"## {heading}\n")
     section, _, _ = below.partition("\n## ")
     rows = [line for line in section.splitlines() if line.startswith("|")]
-    body = rows[2:]  # without the header and the line under it
+    # The header and the line under it are no data.
+    body = rows[2:]
     return [_cells(row) for row in body]
 
 
@@ -245,7 +246,8 @@ def _determinism(env_id: str, task: Task) -> str:
     rollouts = []
     for _ in range(2):
         with closing(make(env_id, seed=_SEED)) as env, torch.random.fork_rng(devices=[]):
-            torch.manual_seed(_SEED)  # of the actions
+            # Actions draw from torch's generator, so it gets the same seed each time.
+            torch.manual_seed(_SEED)
             rollouts.append(env.rollout(_STEPS))
     first, second = rollouts
     if first.shape != second.shape or not bool((first == second).all()):
@@ -289,7 +291,8 @@ def _values(env_id: str, task: Task) -> str:
     observed = []
     rewards = []
     with closing(make(env_id, seed=_SEED)) as env, torch.random.fork_rng(devices=[]):
-        torch.manual_seed(_SEED)  # of the actions
+        # Actions draw from torch's generator, so it gets the same seed each time.
+        torch.manual_seed(_SEED)
         for _ in range(_EPISODES):
             episode = env.rollout(_LONG)
             observed += [episode["observation"], episode["next", "observation"]]

@@ -136,7 +136,8 @@ def make(
     address = parse_hub(options.hub)
     spec = registration(env_id)
     task = build_task(env_id, spec, options.options)
-    check_mujoco()  # TorchRL imports it, whatever the environment
+    # TorchRL imports MuJoCo, whatever the environment.
+    check_mujoco()
     if spec.kinematics is not None:
         simulation = _make_simulation(
             env_id,
@@ -259,7 +260,8 @@ def _make_copies(
             env = _make_processes(env_id, plain, copies, seed)
     except DescriptionError as error:
         raise RunError(f"cannot make {copies} copies of {env_id}: {error}") from None
-    except EOFError:  # a process ended at once, as it imports the script that starts it
+    except EOFError:
+        # A process ended at once, because it imports the script that starts it.
         raise RunError(
             f"the {copies} processes cannot start; put your script under `if __name__ == "
             "'__main__':`"
@@ -335,7 +337,8 @@ def _virtual(task: Task, options: EnvOptions) -> Callable[[int], Connection]:
 
     physics = RandomPhysics() if options.randomize else options.known_physics
     link = None if options.link is None else profile(options.link)
-    warns = True  # the first robot's link; each episode has a robot, and so a link, of its own
+    # Only the first robot's link warns. Each episode has its own robot, and so its own link.
+    warns = True
 
     def connect(twin_seed: int) -> Connection:
         nonlocal warns
@@ -359,7 +362,8 @@ def _virtual(task: Task, options: EnvOptions) -> Callable[[int], Connection]:
                 channel.wireless for channel in task.interface.channels if channel.wireless
             }
         camera = None if task.camera is None else TwinCamera(body, task.camera)
-        pose = getattr(body, "pose", None)  # a body on a bench goes nowhere
+        # A body on a bench goes nowhere, and so has no pose.
+        pose = getattr(body, "pose", None)
         world = World(
             pose,
             body,
@@ -404,7 +408,8 @@ def _real(
         _log.warning("%s: put the robot where an episode starts", task.id)
 
     camera = None if task.camera is None else VideoCamera(task.camera)
-    if "calibration" not in options.options:  # one that is given goes before the one saved here
+    # A calibration that is given goes before the one that was saved here.
+    if "calibration" not in options.options:
         task = _with_saved_red(task)
     if task.robot.hub.model.runs_programs:
         transport = address.transport()

@@ -193,7 +193,8 @@ def _unknown(spec: Registration, options: Iterable[str]) -> list[str]:
     """Names of the options that an environment does not have."""
     parameters = inspect.signature(spec.build).parameters
     kinds = [parameter.kind for parameter in parameters.values()]
-    if inspect.Parameter.VAR_KEYWORD in kinds:  # a user's function that takes any
+    # A user's function may take any option.
+    if inspect.Parameter.VAR_KEYWORD in kinds:
         return []
     return [name for name in options if name not in parameters]
 

@@ -59,7 +59,8 @@ class RobotEnv(BricksEnv):
         self._connection: Connection | None = None
         self._watchers: list[Callable[[Connection], None]] = []
         self._episode: EpisodeState | None = None
-        self._timed: EpisodeState | None = None  # also when the link has broken
+        # This keeps the episode even when the link has broken.
+        self._timed: EpisodeState | None = None
         self._spans: list[tuple[float, float]] = []
         """Middle and half of the range of each command."""
         for command in task.interface.commands:
@@ -67,12 +68,15 @@ class RobotEnv(BricksEnv):
             half = (command.high - command.low) / 2
             self._spans.append((middle, half))
         self._observed = task.observed_channels
-        self._images: dict[str, NDArray[np.uint8]] = {}  # the last ones of sensors
+        # These are the last images of the sensors.
+        self._images: dict[str, NDArray[np.uint8]] = {}
         self.reconnect = Reconnect()
-        self._changed = threading.Condition()  # of what follows, as any thread may stop or pause
+        # The condition guards the flags below, because any thread may stop or pause.
+        self._changed = threading.Condition()
         self._is_stopped = False
         self._is_paused = False
-        self._is_confirmed = False  # that the motors of a real robot stand still
+        # This tells whether the motors of a real robot are known to stand still.
+        self._is_confirmed = False
         self._set_seed(seed)
 
     def close(self, **_: Any) -> None:
@@ -97,10 +101,12 @@ class RobotEnv(BricksEnv):
             self._changed.notify_all()
         connection = self._connection
         if connection is None:
-            self._is_confirmed = True  # nothing moves
+            # Without a connection nothing moves.
+            self._is_confirmed = True
             return
         was_open = connection.link.is_open
-        connection.link.emergency_stop()  # returns when a real hub says that the program has ended
+        # This returns when a real hub says that the program has ended.
+        connection.link.emergency_stop()
         self._is_confirmed = was_open
 
     @property
@@ -323,7 +329,8 @@ class RobotEnv(BricksEnv):
                 # Such a link breaks by a fault of the robot, or where a test takes it out of reach.
                 by_itself = twin.in_reach
                 twin.in_reach = lambda: by_itself() and self.in_reach()
-            self._check_stop()  # a stop requested before this had no link to act on
+            # A stop that was requested before this had no link to act on.
+            self._check_stop()
         return self._connection
 
     def _start(self) -> Reading:
@@ -336,7 +343,8 @@ class RobotEnv(BricksEnv):
                     connection.link.read()
         # A stop may have come during the pause.
         self._check_stop()
-        connection.link.open()  # without effect when it is open
+        # This has no effect on a link that is already open.
+        connection.link.open()
         for reader in connection.sensors:
             reader.open()
         with self.reconnect.by_hand():

@@ -269,7 +269,8 @@ def _play_copies(
     judge = _judge_of_copies(env)
     started = 0
     played = 0
-    in_vain = 0  # rounds one after the other in which all links broke
+    # This counts the rounds in a row in which all links broke.
+    in_vain = 0
     while played < episodes:
         seed_episode(env, seed_of(1 + started))
         started += copies

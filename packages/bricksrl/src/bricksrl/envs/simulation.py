@@ -274,7 +274,8 @@ def reseed(generator: torch.Generator, seed: int | None) -> None:
     if seed is None:
         generator.seed()
     else:
-        generator.manual_seed(int(seed))  # it takes no NumPy integers
+        # torch takes no NumPy integers.
+        generator.manual_seed(int(seed))
 
 
 def resolve_device(name: str | torch.device) -> torch.device:

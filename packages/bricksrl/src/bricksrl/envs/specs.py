@@ -109,7 +109,8 @@ class NominalBounded(BoundedContinuous, metaclass=_KeepClass):  # type: ignore[m
         return repeated.expand(sizes).reshape(self.shape)
 
     def is_in(self, val: Tensor) -> bool:
-        inner_shape = val.shape[-self.ndim :]  # it may have batch dimensions before
+        # Batch dimensions may come before those of the spec.
+        inner_shape = val.shape[-self.ndim :]
         is_alike = val.dtype == self.dtype and inner_shape == self.shape
         if not is_alike or not bool(val.isfinite().all()):
             return False
@@ -120,7 +121,8 @@ class NominalBounded(BoundedContinuous, metaclass=_KeepClass):  # type: ignore[m
 
     def of_same(self, spec: Any) -> "NominalBounded":
         """Another spec, with the entries of this one."""
-        if not isinstance(spec, NominalBounded):  # ``Bounded.to`` makes a plain ``Bounded``
+        # `Bounded.to` makes a plain `Bounded`.
+        if not isinstance(spec, NominalBounded):
             spec = NominalBounded(
                 spec.low,
                 spec.high,
@@ -256,7 +258,8 @@ class ImageShape:
         white = image.high if high is None else float(high.max())
         if inf > white > black > -inf:
             return replace(image, low=black, high=white)
-        return image  # an unbounded spec does not say what white is
+        # An unbounded spec does not say what white is.
+        return image
 
 
 EPISODE_KEYS = (

@@ -32,7 +32,8 @@ if TYPE_CHECKING:
 
     Tensor = torch.Tensor
 else:
-    Tensor = Any  # for annotations, also of tasks: importing them loads no torch
+    # This is for annotations only, so that importing a task loads no torch.
+    Tensor = Any
 
 
 @dataclass(frozen=True)
@@ -144,7 +145,8 @@ class Task:
                 "of 1 or more"
             )
         if self.target is not None:
-            wheels(self.robot, self.interface)  # raises where dead reckoning is impossible
+            # This raises where dead reckoning is impossible.
+            wheels(self.robot, self.interface)
         if not self.interface.commands or not self.entries:
             raise DescriptionError(
                 f"task {self.id}: nothing to command or nothing to observe; name commands and "
@@ -152,7 +154,8 @@ class Task:
             )
         self._check_names()
         if self.symmetric:
-            mirrors(self)  # raises where something has no mirror image
+            # This raises where something has no mirror image.
+            mirrors(self)
 
     def _check_names(self) -> None:
         """Raise DescriptionError where two numbers or images have one name, or an image that of a

@@ -181,7 +181,8 @@ def _train_in_processes(
             MKL_NUM_THREADS="1",
         )
         running[number] = process
-        with contextlib.suppress(OSError):  # its end is reported
+        # If the process has ended, its end is reported elsewhere.
+        with contextlib.suppress(OSError):
             process.send("train", (configs[number].to_dict(), configs[number].run_dir))
 
     try:
@@ -244,7 +245,8 @@ def main() -> None:
             ) is not None:
                 reporter.send({"error": error})
         code = 0
-    except (BrokenPipeError, KeyboardInterrupt):  # the parent is gone, or asked for the end
+    except (BrokenPipeError, KeyboardInterrupt):
+        # The parent is gone, or has asked for the end.
         pass
     except Exception:  # noqa: BLE001  an exit at once would not print it
         traceback.print_exc()

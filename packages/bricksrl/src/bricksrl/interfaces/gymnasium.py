@@ -107,13 +107,15 @@ class GymnasiumEnv(gymnasium.Env[Observation, Array]):
         self.env: HubEnv | SimulatedEnv = _made(env_id, options, **named)
         self.max_episode_steps = _limit(max_episode_steps, self.env.task)
         self._remove_inner_limit()
-        self._hint = ""  # about episodes that Gymnasium ends earlier than the options say
+        # The hint is about episodes that Gymnasium ends earlier than the options say.
+        self._hint = ""
         self._spec: EnvSpec | None = None
         fps = max(1, round(self.env.task.rate_hz))
         self.metadata = {**self.metadata, "render_fps": fps}
         self.render_mode = render_mode
         self._observations: list[torch.Tensor] = []
-        self._info: dict[str, Any] = {}  # of the last step
+        # The info of the last step is kept for a step without an outcome.
+        self._info: dict[str, Any] = {}
         self._ended = False
         self._renderer: Renderer | None = None
         vector = _box(self.env.task)
@@ -157,7 +159,8 @@ class GymnasiumEnv(gymnasium.Env[Observation, Array]):
         super().reset(seed=seed)
         if seed is not None:
             self.env.set_seed(seed)
-            self._close_renderer()  # its virtual robot is replaced by the new seed
+            # The new seed replaces the virtual robot that is drawn.
+            self._close_renderer()
         self._observations = []
         self._info = {}
         self._ended = False
@@ -313,7 +316,8 @@ class GymnasiumVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
         task = self.env.task
         self.num_envs = num_envs
         self._max_steps = _limit(max_episode_steps, task)
-        if max_episode_steps is not None:  # by make_vec, from the registry or from the user
+        # The limit comes from make_vec: from the registry, or from the user.
+        if max_episode_steps is not None:
             _refuse_max_steps(named)
             registered = gymnasium.registry.get(f"bricksrl/{env_id}")
             by_default = None if registered is None else registered.max_episode_steps
@@ -387,7 +391,8 @@ class GymnasiumVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
         else:
             observation = result["observation"].cpu().numpy().copy()
         self._store(torch.from_numpy(observation))
-        self._steps += ~starts  # the first step overwrites the start
+        # In a copy that starts, the first step overwrites the start.
+        self._steps += ~starts
         # The simulation inside has no limit (see `_ENDLESS`), so it is applied here.
         if self._max_steps is not None:
             truncated |= self._steps >= self._max_steps

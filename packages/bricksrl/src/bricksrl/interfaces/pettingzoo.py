@@ -96,7 +96,8 @@ class ArenaParallelEnv(ParallelEnv):  # type: ignore[misc]
         """Start an episode, reproducibly with a seed."""
         if seed is not None:
             self._env.set_seed(seed)
-            self._close_renderer()  # the new seed has a world of its own
+            # The new seed has a world of its own.
+            self._close_renderer()
             self.np_random, _ = np_random(seed)
         self._state = self._env.reset()
         self.agents = list(self.possible_agents)

@@ -157,7 +157,8 @@ def _listed(folder: Path) -> dict[str, Path]:
         # Names that differ in upper and lower case only are one key. Going from the last to the
         # first keeps the first of them, on every file system.
         members = sorted(folder.iterdir(), reverse=True)
-    except OSError:  # there is none, or nobody may read it
+    except OSError:
+        # The folder does not exist, or may not be read.
         members = []
     listing = {_plain(path.name): path for path in members}
     # Exact names are entered last, because they must replace the lower-case ones.

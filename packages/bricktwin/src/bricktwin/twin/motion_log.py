@@ -105,7 +105,8 @@ def identification_commands(
     place.
     """
     width = len(interface.commands)
-    shares = np.zeros((steps, width))  # of each command's range, -1 to 1
+    # Commands are first shares of their ranges, -1 to 1.
+    shares = np.zeros((steps, width))
     moving = shares[_REST_STEPS:]
     round_trip_steps = 2 * _RUN_STEPS
     round_trips = round(_RUN_SHARE * len(moving) / round_trip_steps)

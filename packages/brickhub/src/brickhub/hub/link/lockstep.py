@@ -91,7 +91,8 @@ class HubLink(RobotLink):
         self._calibrate = calibrate
         self.program = self._program_of(robot)
         self.wire = protocol.WireFormat(interface, robot)
-        self._saturated = set[str]()  # channels of which that was said
+        # These channels have been reported as saturated, which is done only once.
+        self._saturated = set[str]()
         self._transport = transport
         self._transport_is_open = False
         self._has_started = False

@@ -131,7 +131,8 @@ def generate(
     parts = [
         _constants(robot, interface, pipe),
         *_joint_part(robot, interface),
-        input_part,  # first, since the host may write as soon as the program runs
+        # The input comes first, because the host may write as soon as the program runs.
+        input_part,
         _devices(robot, interface),
         _start_moves(robot, interface),
         _read_channels(robot, interface),

@@ -49,7 +49,8 @@ class ProgramFiles:
         self._folder = folder
         self._tell = tell
         self._line = b""
-        self._is_printed = False  # the beginning of the present line
+        # This tells whether the beginning of the present line is already printed.
+        self._is_printed = False
         self._file: BinaryIO | None = None
         self._name = ""
         self._line_count = 0

@@ -116,7 +116,8 @@ class Servo:
         self.control = Controller(servo_settings(self.type, gear_ratio_milli, profile_deg))
         measured_speed = self.observer.measured_speed
         self.observer = Observer(self.type, self.settings)
-        self.observer.measured_speed = measured_speed  # until the next step
+        # The new observer keeps the measured speed until its first step.
+        self.observer.measured_speed = measured_speed
         self.observer.reset(self.position())
         self._is_updated = True
 

@@ -393,7 +393,8 @@ class Keypad(Native):
         return buttons(names, self._machine.robot.hub.model)
 
 
-ColorLight.__name__ = Keypad.__name__ = ""  # as in the firmware
+# These classes have no name in the firmware either.
+ColorLight.__name__ = Keypad.__name__ = ""
 
 
 class Battery(Native):

@@ -184,7 +184,8 @@ class LightArray(Native):
         return self._device._write("LIGHT")
 
 
-LightArray.__name__ = ""  # as in the firmware
+# This class has no name in the firmware either.
+LightArray.__name__ = ""
 
 
 class ColorLight(Native):

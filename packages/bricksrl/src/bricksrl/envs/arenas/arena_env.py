@@ -282,7 +282,8 @@ class ArenaEnv(GroupedEnv):
             for link in self._links:
                 link.open()
             now_ms = max(hub.machine.time_ms for hub in self._hubs)
-            for hub in self._hubs:  # placing the robots by hand takes time
+            # Placing the robots by hand takes time, in which their programs go on.
+            for hub in self._hubs:
                 hub.run_on_until(now_ms + PLACEMENT_MS)
             world.place(self._place_rng)
             self._angles = self._wheels([link.read() for link in self._links])
@@ -304,7 +305,8 @@ class ArenaEnv(GroupedEnv):
             for link, values in zip(self._links, commands.tolist(), strict=True):
                 link.send(values)
             readings = [link.receive() for link in self._links]
-        except HubError as error:  # the last observation, truncated for all
+        except HubError as error:
+            # The last observation stands for all robots, and is truncated.
             self.link_error = error
             self.reconnect.failed(error)
             self._close_links()

@@ -36,7 +36,8 @@ class _SerialNumbers:
         import serial
 
         self._port = serial.serial_for_url(port, baud, timeout=_SILENCE_S)
-        self._port.readline()  # it may begin in the middle
+        # The first line may begin in the middle, so it is dropped.
+        self._port.readline()
 
     def read(self) -> tuple[float, ...]:
         """The newest line of numbers: older ones that wait are skipped."""

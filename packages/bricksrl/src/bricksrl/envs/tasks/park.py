@@ -88,7 +88,8 @@ _TURNED = slice(-1, None)
 
 
 def _distance_mm(observation: Tensor) -> Tensor:
-    position_mm = observation[..., -5:-3]  # ahead and to the left
+    # These two are how far the target is ahead and to the left.
+    position_mm = observation[..., -5:-3]
     distance_mm: Tensor = position_mm.norm(dim=-1, keepdim=True)
     return distance_mm
 

@@ -81,7 +81,8 @@ def _mean_yaw_rate_deg_s(observations: Tensor) -> Tensor:
 
 def _rate_in_direction(observation: Tensor) -> Tensor:
     yaw_rate = observation[..., _YAW_RATE]
-    sign = 1 - 2 * observation[..., _DIRECTION]  # of the drawn 0 or 1
+    # The drawn direction is 0 or 1, and becomes 1 or -1.
+    sign = 1 - 2 * observation[..., _DIRECTION]
     return yaw_rate * sign
 
 

@@ -115,10 +115,12 @@ def mean_turn_deg(observations: Tensor) -> Tensor:
     ``[*batch]``."""
     before = observations[..., :-1, :4]
     after = observations[..., 1:, :4]
-    turn = before - after  # angles fall as the Walker walks forwards
+    # Angles fall as the Walker walks forwards.
+    turn = before - after
     whole_turns = (turn / 360.0).round_()
     mean = turn.sub(whole_turns, alpha=360.0).mean((-2, -1))
-    return mean.nan_to_num(0.0)  # an episode of one step
+    # An episode of one step has no turns, whose mean is NaN.
+    return mean.nan_to_num(0.0)
 
 
 def metrics(observations: Tensor) -> dict[str, Tensor]:
@@ -199,5 +201,6 @@ def walker(
         terminated=has_fallen,
         blocked=blocked,
         walks=True,
-        symmetric=env_id != "Walker-v0",  # agents learn there as in the paper
+        # In v0 agents learn as in the paper, without the mirror.
+        symmetric=env_id != "Walker-v0",
     )

@@ -197,7 +197,8 @@ class VideoCamera:
             self._capture.set(cv2.CAP_PROP_FRAME_HEIGHT, view.height_px)
             # A frame that waits in a buffer shows the past.
             self._capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)
-        self._capture.grab()  # discard the driver's buffered frame, taken before the robot moved
+        # The driver's buffered frame was taken before the robot moved, so it is dropped.
+        self._capture.grab()
         is_read, frame = self._capture.read()
         if not is_read:
             self.close()
@@ -213,7 +214,8 @@ class VideoCamera:
                 f"camera {view.device} gives {width} x {height} px, not {expected}; take one "
                 "that can"
             )
-        return np.ascontiguousarray(frame[..., ::-1])  # BGR to RGB
+        # OpenCV has BGR, but images here are RGB.
+        return np.ascontiguousarray(frame[..., ::-1])
 
     def close(self) -> None:
         """Release the camera."""

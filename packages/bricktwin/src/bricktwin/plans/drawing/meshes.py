@@ -84,7 +84,8 @@ def _revolved(
 ) -> Floats:
     """Triangles [n, 3, 3] of a profile of (radius, height) that goes round the third axis."""
     turns = phase + np.arange(sides + 1) * 2 * math.pi / sides
-    rings = []  # of [sides + 1, 3] each; the last point of a ring is its first one
+    # Each ring is [sides + 1, 3], and its last point is its first one, which closes it.
+    rings = []
     for radius, height in profile:
         x = radius * np.cos(turns)
         y = radius * np.sin(turns)

@@ -216,7 +216,8 @@ class _Simplifier:
         for number, hinge in list(self.hinges.items()):
             ends = set(self._ends(hinge))
             for other, earlier in self.hinges.items():
-                is_within = len(ends) == 1  # both of its links are one by now
+                # Merging may have made the two links of a hinge one.
+                is_within = len(ends) == 1
                 is_same = set(self._ends(earlier)) == ends and share_axis(earlier, hinge)
                 is_first = other in self.coupled or other < number
                 if is_within or (is_same and other != number and is_first):

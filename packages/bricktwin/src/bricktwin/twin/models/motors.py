@@ -110,7 +110,8 @@ def motor_constants(kind: MotorKind) -> MotorConstants:
     """Constants of a kind of motor: by LEGO's sheet if there is one, else by Pybricks' curve
     (``servo_settings.c`` v4)."""
     model = MOTOR_TYPES[kind].model
-    per_rad = 180.0 / math.pi * 1e-3  # from mdeg and uNm
+    # The firmware counts mdeg and uNm, but here are rad and Nm.
+    per_rad = 180.0 / math.pi * 1e-3
     torque_nm_v = PRESCALE_VOLTAGE / model.torque_by_voltage * 1e-3
     drag_nm_s = PRESCALE_SPEED / model.torque_by_speed * per_rad
     friction_nm = model.friction_unm * 1e-6
@@ -152,4 +153,5 @@ def _blocked_ohm(kind: MotorKind) -> float:
     by_voltage = e - b * f / c
     by_current = 1.0 - d + a * f / c
     current_per_mv = by_voltage / by_current
-    return 10.0 / current_per_mv  # mV / 0.1 mA is 10 ohm
+    # 1 mV / 0.1 mA is 10 ohm.
+    return 10.0 / current_per_mv

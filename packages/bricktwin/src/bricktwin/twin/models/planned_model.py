@@ -729,7 +729,8 @@ def _feet(planned: PlannedRobot) -> list[_Foot]:
     # The robot stands on those round ends that are near to the floor.
     low_m = min((end.lowest_m for end in ends), default=0.0)
     feet = [end for end in ends if end.lowest_m < low_m + _FOOT_REACH_M]
-    return feet if len(feet) > 1 else []  # nothing stands on one
+    # Nothing stands on a single foot.
+    return feet if len(feet) > 1 else []
 
 
 class _Cylinder(NamedTuple):
@@ -766,7 +767,8 @@ def _cylinders(placed: Placed) -> Iterator[_Cylinder]:
 def _lower_end(body: int, cylinders: list[_Cylinder]) -> _Foot:
     """Lower end of a leg: its lowest cylinder, as long as all those in line with it together."""
     lowest = min(cylinders, key=lambda cylinder: cylinder.centre_m[2] - cylinder.radius_m)
-    along_m = []  # of both ends of each, from the centre of the lowest
+    # These are the places of both ends of each cylinder, counted from the centre of the lowest.
+    along_m = []
     for cylinder in cylinders:
         if not cylinder.is_in_line_with(lowest):
             continue

@@ -145,7 +145,8 @@ class RayCaster:
             facing = np.clip(cosines, 0.0, 1.0)[:, None]
             diffuse = facing * model.light_diffuse[lamp]
             light = light + model.light_ambient[lamp] + diffuse
-        light[hits < 0] = 1.0  # the sky is not lit
+        # The sky shines by itself.
+        light[hits < 0] = 1.0
         # The lit colour is clipped to white before the texture is applied, as OpenGL does.
         lit = np.clip(self._colours[hits] * light, 0.0, 1.0)
         colours = lit * self._textures[hits]
