@@ -79,19 +79,21 @@ def box(
     corners."""
     half = np.array([length, width, height]) / 2 - radius
     quarter = np.linspace(0.0, math.pi / 2, arc + 1)  # [arc + 1]
+    quarters = [quarter + quadrant * math.pi / 2 for quadrant in range(4)]
     # The equator stands twice, and so does each meridian between two octants: each octant moves its
     # own copy to its corner.
     polar = np.concatenate([quarter, quarter + math.pi / 2])
-    azimuth = np.concatenate([quarter + quadrant * math.pi / 2 for quadrant in range(4)])
+    azimuth = np.concatenate(quarters)
     signs_z = np.repeat([1.0, -1.0], arc + 1)
     signs_x = np.repeat([1.0, -1.0, -1.0, 1.0], arc + 1)
     signs_y = np.repeat([1.0, 1.0, -1.0, -1.0], arc + 1)
     row_count = len(polar)
     column_count = len(azimuth)
     # Rounding a box moves the points of a sphere but not its normals, which are those of the box.
+    across = np.sin(polar)[:, None]  # [rows, 1]
     normals = np.empty((row_count, column_count, 3))
-    normals[..., 0] = np.sin(polar)[:, None] * np.cos(azimuth)
-    normals[..., 1] = np.sin(polar)[:, None] * np.sin(azimuth)
+    normals[..., 0] = across * np.cos(azimuth)
+    normals[..., 1] = across * np.sin(azimuth)
     normals[..., 2] = np.cos(polar)[:, None]
     signs = np.broadcast_arrays(signs_x, signs_y, signs_z[:, None])
     corners = np.stack(signs, axis=-1)  # [rows, columns, 3]
@@ -99,9 +101,11 @@ def box(
     # The grid leaves the top and the bottom of the box open. At each pole its row is four different
     # points, which are the corners of that side.
     corner_columns = np.arange(4) * (arc + 1)
+    last_row = (row_count - 1) * column_count
+    sides = _grid(row_count, column_count)
     top = _fan(corner_columns)
-    bottom = _fan((row_count - 1) * column_count + corner_columns[::-1])
-    faces = np.concatenate([_grid(row_count, column_count), top, bottom])
+    bottom = _fan(last_row + corner_columns[::-1])
+    faces = np.concatenate([sides, top, bottom])
     return Shape(points.reshape(-1, 3), normals.reshape(-1, 3), faces)
 
 
@@ -112,17 +116,27 @@ def block(
 ) -> Shape:
     """Box along x, y, z with sharp edges, centred: for small parts, at a tenth of the faces of a
     rounded one."""
-    square = ((-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0))
-    corners = np.array([[x, y, z] for z in (-1.0, 1.0) for x, y in square])
+    square = np.array([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)])
+    lower = np.column_stack([square, np.full(4, -1.0)])
+    upper = np.column_stack([square, np.full(4, 1.0)])
+    corners = np.concatenate([lower, upper])  # [8, 3]
     sides = np.array(
-        [[0, 3, 2, 1], [4, 5, 6, 7], [0, 1, 5, 4], [1, 2, 6, 5], [2, 3, 7, 6], [3, 0, 4, 7]]
+        [
+            [0, 3, 2, 1],
+            [4, 5, 6, 7],
+            [0, 1, 5, 4],
+            [1, 2, 6, 5],
+            [2, 3, 7, 6],
+            [3, 0, 4, 7],
+        ]
     )
     side_corners = corners[sides]  # [6, 4, 3]
     # The cube is 2 wide and centred, so the middle of a side is also its normal.
     normals = side_corners.mean(axis=1)
-    faces = np.concatenate([_fan(np.arange(4) + 4 * side) for side in range(6)])
-    points = side_corners.reshape(-1, 3) * np.array([length, width, height]) / 2
-    return Shape(points, np.repeat(normals, 4, axis=0), faces)
+    size = np.array([length, width, height])
+    points = side_corners.reshape(-1, 3) * size / 2
+    faces = [_fan(np.arange(4) + 4 * side) for side in range(6)]
+    return Shape(points, np.repeat(normals, 4, axis=0), np.concatenate(faces))
 
 
 def turned(profile: Sequence[tuple[float, float]]) -> Shape:
@@ -247,22 +261,27 @@ def extruded(
     """Convex outline [n, 2] in x, y, counter-clockwise, extruded along z, centred, with bevelled
     edges."""
     # The normal at a corner is across the line between its two neighbours.
-    edges = np.roll(outline, -1, axis=0) - np.roll(outline, 1, axis=0)
+    following = np.roll(outline, -1, axis=0)
+    preceding = np.roll(outline, 1, axis=0)
+    edges = following - preceding  # [n, 2]
     outwards = np.stack([edges[:, 1], -edges[:, 0]], axis=-1)
     outwards /= np.linalg.norm(outwards, axis=-1, keepdims=True)
     inner = outline - bevel * outwards
     half = height / 2
     count = len(outline)
     rings = [(inner, half), (outline, half - bevel), (outline, bevel - half), (inner, -half)]
-    levels = np.stack([np.column_stack([points, np.full(count, z)]) for points, z in rings])
-    side = np.column_stack([outwards, np.zeros(count)])
+    rows = [np.column_stack([points, np.full(count, z)]) for points, z in rings]
+    levels = np.stack(rows)  # [4, n, 3]
+    side = np.column_stack([outwards, np.zeros(count)])  # [n, 3]
     shapes = []
     # The levels run from the top down: a bevel at 45 degrees, the side, a bevel. Each has its own
     # points, so that its edges are sharp.
     for row, tilt in ((0, 1.0), (1, 0.0), (2, -1.0)):
-        normals = (side + np.array([0.0, 0.0, tilt])) / math.hypot(1.0, tilt)
+        leaning = side + np.array([0.0, 0.0, tilt])
+        normals = leaning / math.hypot(1.0, tilt)
         points = levels[row : row + 2].reshape(-1, 3)
-        shapes.append(Shape(points, np.concatenate([normals, normals]), _grid(2, count)))
+        both_normals = np.concatenate([normals, normals])
+        shapes.append(Shape(points, both_normals, _grid(2, count)))
     upwards = np.tile((0.0, 0.0, 1.0), (count, 1))
     downwards = np.tile((0.0, 0.0, -1.0), (count, 1))
     order = np.arange(count)
@@ -281,10 +300,13 @@ def rounded_rectangle(
     # All four quarters must be equal, so the pieces of a quarter are rounded up.
     arc = -(-circle_sides(radius, _CHORD_ERROR_MM) // 4)
     quarter = np.linspace(0.0, math.pi / 2, arc + 1)
-    angles = np.concatenate([quarter + quadrant * math.pi / 2 for quadrant in range(4)])
-    signs = np.repeat([(1.0, 1.0), (-1.0, 1.0), (-1.0, -1.0), (1.0, -1.0)], arc + 1, axis=0)
-    corners = signs * np.array([length / 2 - radius, width / 2 - radius])
-    outline: Floats = corners + radius * np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+    quarters = [quarter + quadrant * math.pi / 2 for quadrant in range(4)]
+    angles = np.concatenate(quarters)  # [n]
+    circle = np.stack([np.cos(angles), np.sin(angles)], axis=-1)  # [n, 2]
+    corner_signs = [(1.0, 1.0), (-1.0, 1.0), (-1.0, -1.0), (1.0, -1.0)]
+    signs = np.repeat(corner_signs, arc + 1, axis=0)
+    corners = signs * np.array([length / 2 - radius, width / 2 - radius])  # [n, 2]
+    outline: Floats = corners + radius * circle
     return outline
 
 
@@ -327,18 +349,19 @@ def tube(
 def _bezier(points: Sequence[Triple], steps: int) -> Floats:
     """Points [steps, 3] of a Bezier curve: control points, weighted by Bernstein polynomials."""
     order = len(points) - 1
-    t = np.linspace(0.0, 1.0, steps)[:, None]
-    path = sum(
-        math.comb(order, i) * t**i * (1 - t) ** (order - i) * np.array(point)
-        for i, point in enumerate(points)
-    )
-    return np.asarray(path)
+    t = np.linspace(0.0, 1.0, steps)[:, None]  # [steps, 1]
+    path = np.zeros((steps, 3))
+    for i, point in enumerate(points):
+        weights = math.comb(order, i) * t**i * (1 - t) ** (order - i)  # [steps, 1]
+        path = path + weights * np.array(point)
+    return path
 
 
 def merge(shapes: Sequence[Shape]) -> Shape:
     """Merge several shapes into one."""
     # Faces of each shape are moved by the number of points before it.
-    offsets = np.cumsum([0, *(len(shape.points) for shape in shapes[:-1])])
+    counts = [len(shape.points) for shape in shapes]
+    offsets = np.cumsum([0, *counts[:-1]])
     moved = [shape.faces + offset for shape, offset in zip(shapes, offsets, strict=True)]
     points = np.concatenate([shape.points for shape in shapes])
     normals = np.concatenate([shape.normals for shape in shapes])
@@ -358,18 +381,20 @@ def shape_of(triangles: Floats) -> Shape | None:
     area = area[has_area]
     if not len(triangles):
         return None
-    points = triangles.reshape(-1, 3)
-    flat = np.repeat(cross / area[:, None], 3, axis=0)
+    points = triangles.reshape(-1, 3)  # [3 n, 3]
+    flat = np.repeat(cross / area[:, None], 3, axis=0)  # [3 n, 3]
     # Corners that agree to a thousandth are one point. The sum of the cross products of its
     # triangles is a mean normal in which large triangles count more.
-    _, corner = np.unique(np.round(points, 3), axis=0, return_inverse=True)
+    rounded = np.round(points, 3)
+    _, inverse = np.unique(rounded, axis=0, return_inverse=True)
+    corner = inverse.ravel()  # [3 n]
     mean = np.zeros((corner.max() + 1, 3))
-    np.add.at(mean, corner.ravel(), np.repeat(cross, 3, axis=0))
+    np.add.at(mean, corner, np.repeat(cross, 3, axis=0))
     length = np.linalg.norm(mean, axis=1, keepdims=True)
     unit_mean = mean / np.maximum(length, 1e-12)
-    smooth = unit_mean[corner.ravel()]
+    smooth = unit_mean[corner]  # [3 n, 3]
     # Where a triangle's own normal is far from the mean, there is an edge, which is drawn flat.
-    cosine = np.einsum("ij,ij->i", smooth, flat)
+    cosine = np.einsum("ij,ij->i", smooth, flat)  # [3 n]
     is_smooth = cosine > _SHARP
     normals = np.where(is_smooth[:, None], smooth, flat)
     faces: NDArray[np.int32] = np.arange(len(points), dtype=np.int32).reshape(-1, 3)
