@@ -192,6 +192,60 @@ def _sites_of(parts: Sequence[Placed]) -> tuple[list[_Placed], list[_Placed], li
     return males, females, joints
 
 
+class _Overlap(NamedTuple):
+    """A hole, and the part of a pin's axis, from ``low`` to ``high``, that both share (LDU from the
+    pin's middle)."""
+
+    hole: _Placed
+    low: float
+    high: float
+
+
+class _Holes:
+    """All holes of a plan in arrays of n, so that one operation compares a pin with many.
+
+    They are sorted along x, so that a pin is compared with those near to it only: a plan may have
+    thousands of both.
+    """
+
+    def __init__(self, females: Iterable[_Placed]) -> None:
+        self._sorted = sorted(females, key=lambda entry: float(entry[2][0]))
+        self._owners = np.array([owner for owner, _, _, _ in self._sorted])
+        self._centres = np.array([centre for _, _, centre, _ in self._sorted])  # [n, 3]
+        self._axes = np.array([axis for _, _, _, axis in self._sorted])  # [n, 3]
+        self._lengths = np.array([hole.length for _, hole, _, _ in self._sorted])
+        kinds = [hole.fit is Fit.STUD_HOLE for _, hole, _, _ in self._sorted]
+        self._is_for_stud = np.array(kinds)
+        self._longest = float(self._lengths.max())
+
+    def around(self, male: _Placed) -> Iterator[_Overlap]:
+        """The holes that a pin, an axle or a stud is in."""
+        owner, site, centre, axis = male
+        reach = (site.length + self._longest) / 2 + _MAX_OFFSET
+        bounds = np.searchsorted(self._centres[:, 0], [centre[0] - reach, centre[0] + reach])
+        start = int(bounds[0])
+        nearby = slice(start, int(bounds[1]))
+        # For each of the m holes nearby: `along` [m] is its place on the male's axis, `across` [m]
+        # its distance from that axis, `tilt` [m] the sine of the angle between both, and `low` to
+        # `high` [m] the part of the axis that both share.
+        offset = self._centres[nearby] - centre  # [m, 3]
+        along = offset @ axis
+        beside = offset - along[:, None] * axis  # [m, 3]
+        across = np.linalg.norm(beside, axis=1)
+        tilt = np.linalg.norm(np.cross(self._axes[nearby], axis), axis=1)
+        low = np.maximum(-site.length / 2, along - self._lengths[nearby] / 2)
+        high = np.minimum(site.length / 2, along + self._lengths[nearby] / 2)
+        is_coaxial = (across < _MAX_OFFSET) & (tilt < _MAX_TILT)
+        is_inside = high - low > _MIN_DEPTH
+        is_other_part = self._owners[nearby] != owner
+        # A stud does not hold in a pin hole, and a pin does not hold between studs.
+        is_of_kind = self._is_for_stud[nearby] == (site.fit is Fit.STUD)
+        is_connected = is_coaxial & is_inside & is_other_part & is_of_kind
+        for index in np.flatnonzero(is_connected):
+            hole = self._sorted[start + index]
+            yield _Overlap(hole, float(low[index]), float(high[index]))
+
+
 def _inserted(
     parts: Sequence[Placed],
     males: list[_Placed],
@@ -201,58 +255,29 @@ def _inserted(
     result: list[Connection] = []
     if not females:
         return result
-    # Holes are sorted along x, so that a pin is compared with those near to it only: a plan may
-    # have thousands of both.
-    females.sort(key=lambda entry: float(entry[2][0]))
-    # The holes become arrays of n, so that one operation compares a pin with all holes nearby.
-    owners = np.array([owner for owner, _, _, _ in females])
-    centres = np.array([centre for _, _, centre, _ in females])  # [n, 3]
-    axes = np.array([axis for _, _, _, axis in females])  # [n, 3]
-    lengths = np.array([hole.length for _, hole, _, _ in females])
-    is_for_stud = np.array([hole.fit is Fit.STUD_HOLE for _, hole, _, _ in females])
-    longest = float(lengths.max())
-    for owner, site, centre, axis in males:
-        reach = (site.length + longest) / 2 + _MAX_OFFSET
-        bounds = np.searchsorted(centres[:, 0], [centre[0] - reach, centre[0] + reach])
-        start = int(bounds[0])
-        nearby = slice(start, int(bounds[1]))
-        # For each of the m holes nearby: `along` [m] is its place on the male's axis, `across` [m]
-        # its distance from that axis, `tilt` [m] the sine of the angle between both, and `low` to
-        # `high` [m] the part of the axis that both share.
-        offset = centres[nearby] - centre
-        along = offset @ axis
-        across = np.linalg.norm(offset - along[:, None] * axis, axis=1)
-        tilt = np.linalg.norm(np.cross(axes[nearby], axis), axis=1)
-        low = np.maximum(-site.length / 2, along - lengths[nearby] / 2)
-        high = np.minimum(site.length / 2, along + lengths[nearby] / 2)
-        is_coaxial = (across < _MAX_OFFSET) & (tilt < _MAX_TILT)
-        is_inside = high - low > _MIN_DEPTH
-        is_other_part = owners[nearby] != owner
-        # A stud does not hold in a pin hole, and a pin does not hold between studs.
-        is_of_kind = is_for_stud[nearby] == (site.fit is Fit.STUD)
-        is_connected = is_coaxial & is_inside & is_other_part & is_of_kind
-        for index in np.flatnonzero(is_connected):
-            other, hole, *_ = females[start + index]
-            depth = float(high[index] - low[index])
-            is_seated = depth >= _MIN_SEATED_SHARE * min(_MODULE, site.length, hole.length)
+    holes = _Holes(females)
+    for male in males:
+        owner, site, centre, axis = male
+        for (other, hole, _, _), low, high in holes.around(male):
+            depth = high - low
+            shortest = min(_MODULE, site.length, hole.length)
             is_crossed = _is_crossed(
                 parts[owner],
                 site,
                 parts[other],
                 hole,
             )
-            point = centre + axis * float(low[index] + high[index]) / 2
             result.append(
                 Connection(
-                    owner,
-                    other,
-                    site,
-                    hole,
-                    point,
-                    axis,
-                    depth,
-                    is_seated,
-                    is_crossed,
+                    male=owner,
+                    female=other,
+                    male_site=site,
+                    female_site=hole,
+                    point=centre + axis * (low + high) / 2,
+                    axis=axis,
+                    depth=depth,
+                    is_seated=depth >= _MIN_SEATED_SHARE * shortest,
+                    is_crossed=is_crossed,
                 )
             )
     return result
@@ -273,12 +298,14 @@ def open_holes(
     # 3].
     bar_centres = np.array([site.centre for site in bars])
     bar_axes = np.array([site.axis for site in bars])
-    points = female.to_part(male.to_plan(bar_centres) + shift)
+    moved_centres = male.to_plan(bar_centres) + shift  # [b, 3]
+    points = female.to_part(moved_centres)
     axes = bar_axes @ male.rotation.T @ female.rotation
-    hole_centres = np.array([site.centre for site in holes])[:, None]
-    hole_axes = np.array([site.axis for site in holes])[:, None]
+    hole_centres = np.array([site.centre for site in holes])[:, None]  # [h, 1, 3]
+    hole_axes = np.array([site.axis for site in holes])[:, None]  # [h, 1, 3]
     # Broadcasting compares each of the h holes with each of the b bars [h, b].
-    across = np.linalg.norm(np.cross(hole_centres - points, axes), axis=2)
+    offsets = hole_centres - points  # [h, b, 3]
+    across = np.linalg.norm(np.cross(offsets, axes), axis=2)
     tilts = np.linalg.norm(np.cross(hole_axes, axes), axis=2)
     is_fitting = (across < _MAX_LOOSE_OFFSET) & (tilts < _MAX_LOOSE_TILT)
     has_bar = is_fitting.any(axis=1)
@@ -334,18 +361,17 @@ def _coinciding(joints: list[_Placed]) -> list[Connection]:
             is_turntable = pair == (Fit.TURNTABLE, Fit.TURNTABLE) and is_aligned and owner < other
             # A ball may point anywhere in its socket, so its alignment does not matter.
             if pair == (Fit.BALL, Fit.SOCKET) or is_turntable or is_seat:
-                depth = site.length
                 result.append(
                     Connection(
-                        owner,
-                        other,
-                        site,
-                        hole,
-                        centre,
-                        axis,
-                        depth,
-                        True,
-                        False,
+                        male=owner,
+                        female=other,
+                        male_site=site,
+                        female_site=hole,
+                        point=centre,
+                        axis=axis,
+                        depth=site.length,
+                        is_seated=True,
+                        is_crossed=False,
                     )
                 )
     return result
@@ -510,7 +536,9 @@ def _worm(worm: _Geared, wheel: _Geared) -> Mesh | None:
     is_tilted = abs(float(axis @ wheel.axis)) > _MAX_TILT
     if is_beside_wheel or is_beside_worm or is_tilted:
         return None
-    across = offset - (offset @ axis) * axis - (offset @ wheel.axis) * wheel.axis
+    along_worm = (offset @ axis) * axis
+    along_wheel = (offset @ wheel.axis) * wheel.axis
+    across = offset - along_worm - along_wheel
     distance = float(np.linalg.norm(across))
     error = distance - _WORM_PITCH_RADIUS - radius
     if abs(error) > _NEAR_TOLERANCE or distance < 1.0:
@@ -630,12 +658,14 @@ def _is_driven(
 ) -> bool:
     """Whether a gear is inside a chain, and links lie on its teeth."""
     offset = points - placed.centre
-    projected = offset - np.outer(offset @ axis, axis)
+    aside = offset @ axis  # [n]
+    projected = offset - np.outer(aside, axis)  # [n, 3]
     # A link spans two teeth, so its length is the chord of two pitches; this is the radius of their
     # circle.
     radius = _LINK / 2 / math.sin(2 * math.pi / placed.gear.teeth)
-    touching = np.abs(np.linalg.norm(projected, axis=1) - radius) < _LINK_TOLERANCE
-    is_in_plane = np.abs(offset @ axis).max() < placed.gear.width / 2
+    distances = np.linalg.norm(projected, axis=1)
+    touching = np.abs(distances - radius) < _LINK_TOLERANCE
+    is_in_plane = np.abs(aside).max() < placed.gear.width / 2
     is_level = is_in_plane and abs(placed.axis @ axis) > 0.999
     # The sum of the angles from link to link is a whole turn if the chain goes round the gear, and
     # 0 if the gear is outside.
@@ -663,7 +693,9 @@ def _chained(
     # The outer tangent touches both circles in the same direction from their middles.
     sine = (radius - other_radius) / distance
     cosine = math.sqrt(1 - sine**2)
-    outward = sine * offset / distance + cosine * np.cross(axis, offset / distance)
+    ahead = sine * offset / distance
+    aside = cosine * np.cross(axis, offset / distance)
+    outward = ahead + aside
     point = first.centre + radius * outward
     other_point = second.centre + other_radius * outward
     tangent = np.cross(axis, outward)

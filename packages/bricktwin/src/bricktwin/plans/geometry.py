@@ -98,7 +98,8 @@ class Solid:
         margin: float,
     ) -> Bools:
         """Whether points [n, 3] are deeper than ``margin`` below the surface [n]."""
-        local = (points - np.array(self.centre)) @ np.array(self.axes).T
+        offset = points - np.array(self.centre)
+        local = offset @ np.array(self.axes).T
         half = np.array(self.half) - margin
         # Rings are tested before thin solids are: the second half size of a ring is its bore, which
         # may be smaller than the margin.
@@ -110,22 +111,26 @@ class Solid:
         if np.any(half <= 0):
             return np.zeros(len(points), dtype=bool)
         if self.form is Form.BOX:
-            return np.asarray((np.abs(local) < half).all(axis=1))
+            is_between_faces = np.abs(local) < half  # [n, 3]
+            return np.asarray(is_between_faces.all(axis=1))
         if self.form is Form.CYLINDER:
             is_in_circle = np.hypot(local[:, 0], local[:, 1]) < half[0]
             is_between_ends = np.abs(local[:, 2]) < half[2]
             return np.asarray(is_in_circle & is_between_ends)
-        return np.asarray(np.linalg.norm(local, axis=1) < half[0])
+        distance = np.linalg.norm(local, axis=1)
+        return np.asarray(distance < half[0])
 
     def normals(self, points: Floats) -> Floats:
         """Outward normals [n, 3] at points [n, 3] on the surface: of the face that is nearest."""
         axes = np.array(self.axes)
-        local = (points - np.array(self.centre)) @ axes.T
+        offset = points - np.array(self.centre)
+        local = offset @ axes.T
         if self.form is Form.BALL:
             distances = np.linalg.norm(local, axis=1, keepdims=True)
             return np.asarray(local @ axes / np.maximum(distances, 1e-9))
         if self.form is Form.BOX:
-            return np.asarray(_box_normals(local, np.array(self.half)) @ axes)
+            local_normals = _box_normals(local, np.array(self.half))
+            return np.asarray(local_normals @ axes)
         bore = self.half[1] if self.form is Form.RING else None
         normals = _round_normals(
             local,
@@ -193,14 +198,16 @@ def _round_normals(
     radius, along their third axis."""
     radius = np.maximum(np.hypot(local[:, 0], local[:, 1]), 1e-9)
     # The faces are numbered in this order: 0 the ends, 1 the outside, 2 the bore.
-    gaps = [np.abs(half_length - np.abs(local[:, 2])), np.abs(outer - radius)]
+    from_middle = np.abs(local[:, 2])
+    gaps = [np.abs(half_length - from_middle), np.abs(outer - radius)]
     if bore is not None:
         gaps.append(np.abs(radius - bore))
     nearest_face = np.argmin(gaps, axis=0)
     is_end = nearest_face == 0
     # Out of the material is towards the axis in a bore.
     direction = np.where(nearest_face == 2, -1.0, 1.0)
-    sides = local[:, :2] / radius[:, None] * direction[:, None]
+    from_axis = local[:, :2] / radius[:, None]  # [n, 2]
+    sides = from_axis * direction[:, None]
     normals = np.zeros_like(local)
     normals[:, :2] = np.where(is_end[:, None], 0.0, sides)
     normals[:, 2] = np.where(is_end, np.sign(local[:, 2]), 0.0)
@@ -305,13 +312,16 @@ def bar(
     start_point = np.array(start)
     end_point = np.array(end)
     up = np.array(normal)
-    length = np.linalg.norm(end_point - start_point)
-    along = (end_point - start_point) / length
+    way = end_point - start_point
+    length = np.linalg.norm(way)
+    along = way / length
+    across = np.cross(up, along)
+    middle = (start_point + end_point) / 2
     half = (float(length) / 2, width / 2, thickness / 2)
-    axes = (triple(along), triple(np.cross(up, along)), triple(up))
+    axes = (triple(along), triple(across), triple(up))
     return Solid(
         Form.BOX,
-        triple((start_point + end_point) / 2),
+        triple(middle),
         half,
         axes,
     )

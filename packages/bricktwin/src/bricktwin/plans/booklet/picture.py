@@ -143,23 +143,23 @@ class _Rays(NamedTuple):
         centre = frame @ np.array(solid.centre, dtype=np.float32)
         # In the frame of the solid, the point of a ray at a depth is `across + depth * along`:
         # `across` is [h, w] for each of the three axes, `along` is [3].
-        turned = frame @ self.axes.T.astype(np.float32)
-        across = [
-            row[0] * self.x + row[1] * self.y[:, None] - middle
-            for row, middle in zip(turned, centre, strict=True)
-        ]
+        turned = frame @ self.axes.T.astype(np.float32)  # [3, 3]
+        across: list[Reals] = []
+        for (right, down, _), middle in zip(turned, centre, strict=True):
+            across.append(right * self.x + down * self.y[:, None] - middle)
         along = turned[:, 2]
         if solid.form is Form.BOX:
-            slabs = [_slab(across[axis], along[axis], solid.half[axis]) for axis in range(3)]
+            slabs = [_slab(*ray) for ray in zip(across, along, solid.half, strict=True)]
             return [_common(*slabs)]
         if solid.form is Form.BALL:
             return [_round(across, along, solid.half[0])]
-        ends = _slab(across[2], along[2], solid.half[2])
-        outer = _common(_round(across[:2], along[:2], solid.half[0]), ends)
+        radius, bore_radius, half_length = solid.half
+        ends = _slab(across[2], along[2], half_length)
+        outer = _common(_round(across[:2], along[:2], radius), ends)
         if solid.form is Form.CYLINDER:
             return [outer]
         # A ring is not convex: a ray through its bore crosses the wall twice.
-        bore = _common(_round(across[:2], along[:2], solid.half[1]), ends)
+        bore = _common(_round(across[:2], along[:2], bore_radius), ends)
         is_bored = bore.enter < bore.leave
         before_bore = _Spans(outer.enter, np.where(is_bored, bore.enter, outer.leave))
         behind_bore = _Spans(np.where(is_bored, bore.leave, np.inf), outer.leave)
@@ -206,7 +206,8 @@ def _round(
     constant = sum(value * value for value in across) - radius**2
     if square < 1e-12:
         return _everywhere(np.asarray(constant < 0))
-    middle = -sum(value * part for value, part in zip(across, along, strict=True)) / square
+    product = sum(value * part for value, part in zip(across, along, strict=True))
+    middle = -product / square
     discriminant = middle**2 - constant / square
     root = np.sqrt(np.maximum(discriminant, 0.0))
     is_hit = discriminant > 0
@@ -325,8 +326,10 @@ def _pixel_box(
 ) -> _Box:
     """The columns and rows of a solid, at least one of each."""
     points = solid.corners() @ axes[:2].T * zoom  # [8, 2]
-    left, top = np.floor(points.min(axis=0)).astype(int).tolist()
-    right, bottom = np.ceil(points.max(axis=0)).astype(int).tolist()
+    first = np.floor(points.min(axis=0))
+    after_last = np.ceil(points.max(axis=0))
+    left, top = first.astype(int).tolist()
+    right, bottom = after_last.astype(int).tolist()
     return _Box(
         left,
         top,
@@ -384,7 +387,8 @@ def _shaded(
     # One sort by source finds the points of all sources; searching the picture for each would take
     # a pass for each.
     order = np.argsort(source, axis=None, kind="stable")
-    bounds = np.searchsorted(source.ravel()[order], np.arange(len(sources) + 1))
+    sorted_sources = source.ravel()[order]
+    bounds = np.searchsorted(sorted_sources, np.arange(len(sources) + 1))
     for number, (solid, material, is_cut) in enumerate(sources):
         points = order[bounds[number] : bounds[number + 1]]
         rows, columns = np.unravel_index(points, depth.shape)
@@ -392,13 +396,15 @@ def _shaded(
             continue
         x = (columns + left + 0.5) / zoom
         y = (rows + top + 0.5) / zoom
-        in_view = np.column_stack([x, y, depth[rows, columns]])
-        in_part = np.asarray(in_view @ axes, dtype=float)
+        in_view = np.column_stack([x, y, depth[rows, columns]])  # [n, 3]
+        in_part = np.asarray(in_view @ axes, dtype=float)  # [n, 3]
         # The surface of a cut is seen from its inside, so its normals are reversed.
-        outward = solid.normals(in_part) @ axes.T * (-1.0 if is_cut else 1.0)
+        side = -1.0 if is_cut else 1.0
+        outward = solid.normals(in_part) @ axes.T * side  # [n, 3]
         normals[rows, columns] = outward
         tint[rows, columns] = material
-        brightness = _AMBIENT + _DIFFUSE * np.maximum(outward @ _LIGHT, _DARKEST_SIDE)
+        facing = np.maximum(outward @ _LIGHT, _DARKEST_SIDE)  # [n]
+        brightness = _AMBIENT + _DIFFUSE * facing
         shade[rows, columns] = brightness * (_HOLLOW if is_cut else 1.0)
     is_edge = _edges(depth, normals)
     return Sprite(
@@ -530,9 +536,11 @@ class Picture:
                 white[part] = _FADED * _FADE_TO
         white[-1] = paper
         outline[-1] = 1.0
-        lit = tones[self.owner, self.tint] * self.shade[..., None]
-        image = np.minimum(white[self.owner, self.tint] + lit, 1.0)
-        image[self.edge] = inner_line[self.owner[self.edge], None]
+        lit = tones[self.owner, self.tint] * self.shade[..., None]  # [h, w, 3]
+        unlit = white[self.owner, self.tint]  # [h, w, 3]
+        image = np.minimum(unlit + lit, 1.0)
+        owner_of_edge = self.owner[self.edge]
+        image[self.edge] = inner_line[owner_of_edge, None]
         # The line between two parts has the darker of their two tones, on both sides, so that a
         # bright part stands out from faded ones.
         for first, second in _neighbours():
@@ -653,8 +661,8 @@ def extent(shown: Sequence[Shown], view: View) -> tuple[float, float]:
     """Width and height of parts in a view, LDU."""
     corners = []
     for placed, shift in shown:
-        low, high = placed.part.bounds
-        box = np.array(list(itertools.product(*np.stack([low, high]).T)))  # [8, 3]
+        ends = np.stack(placed.part.bounds).T  # [3, 2]
+        box = np.array(list(itertools.product(*ends)))  # [8, 3]
         corners.append(placed.to_plan(box) + shift)
     points = np.concatenate(corners) @ view.axes[:2].T  # [n, 2]
     width, height = np.ptp(points, axis=0)
