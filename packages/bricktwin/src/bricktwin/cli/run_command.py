@@ -53,7 +53,8 @@ class Run(run.Run):
     """Film the virtual robot into this mp4 file."""
 
     def target(self, name: str) -> Target:
-        """The robot of that name. What is said of its scenes is not for one that is given."""
+        """The robot of that name. Notes about its own scenes are left out where a scene is
+        given."""
         from brickhub.target import find
 
         return super().target(name) if self.scene is None else find(name)
@@ -86,8 +87,8 @@ class Run(run.Run):
 
 
 def motors_without_stops(body: Body | None, program: Path) -> list[str]:
-    """Ports of a twin's motors that nothing stops, but those of its drive base, and those that the
-    program does not name, if a program waits for a motor to stall."""
+    """Ports of motors that nothing stops in a twin, if a program waits for a motor to stall. Motors
+    of the drive base are left out, and so are ports that the program does not name."""
     if body is None:
         return []
     text = program.read_text(encoding="utf-8", errors="replace")

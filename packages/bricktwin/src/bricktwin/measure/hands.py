@@ -20,7 +20,8 @@ _GRIP_NM = 10.0
 
 @dataclass(frozen=True)
 class Deed:
-    """What the person is asked to do. The robot then stands on the floor, or is in the hand.
+    """A deed that the person is asked for, after which the robot stands on the floor or is in the
+    hand.
 
     Attributes:
         text: words for the person.
@@ -40,14 +41,13 @@ class Deed:
 
 
 class Person(Protocol):
-    """Who does it."""
+    """A person who carries out deeds: a real one, or a simulated one."""
 
     def begin(self, deed: Deed) -> None:
         """Ask for a deed."""
 
     def is_done(self) -> bool:
-        """Whether the deed that was begun last is done; the robot is read meanwhile, so it must not
-        wait."""
+        """Whether the last deed is done. The robot is read meanwhile, so this must not wait."""
 
 
 class SimulatedPerson:
@@ -125,7 +125,7 @@ class SimulatedPerson:
         return now_s >= self._done_s and self._at_deg == self._aim_deg
 
     def _lift(self, motor: str) -> None:
-        """Lift the robot, and hold what a motor turns, unless that is empty."""
+        """Lift the robot, and hold the shaft of a motor, unless its name is empty."""
         body = self._body
         model = body.model
         first_dof = int(model.body_dofadr[body.chassis])

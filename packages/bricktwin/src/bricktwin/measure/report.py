@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 _ROBOT = "#d55e00"
 _TWIN = "#0b5cad"
 _OUTSIDE = (-0.3, 1.3)
-"""Where numbers are drawn that are far outside of the range."""
+"""Places at which numbers are drawn that are far outside of the range, as shares of it."""
 HEAD = ("", "robot", "twin", "drawn twins", "")
 
 

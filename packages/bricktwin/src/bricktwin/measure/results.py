@@ -22,9 +22,9 @@ from bricktwin.twin.physics import PARAMETERS, Physics
 from bricktwin.twin.scene import OPEN_FLOOR, Scene
 
 LATE_MS = 150.0
-"""Time of an exchange from which on it counts as late."""
+"""Exchanges that take this time or longer count as late."""
 _ENDS = 5
-"""Answers at either end of the rest, whose mean counts."""
+"""Number of answers at either end of the rest, of which the mean is taken."""
 _STARTING_MS = 400
 """Time in which a motor gets up to speed."""
 _GRAVITY_MM_S2 = 9810.0

@@ -69,7 +69,7 @@ ASLANT = Deed(
 
 
 def held(motor: str) -> Deed:
-    """The deed of holding what a motor turns."""
+    """A deed: holding what a motor turns."""
     return Deed(f"Hold fast what motor '{motor}' turns.", is_lifted=True, holds=motor)
 
 
@@ -98,7 +98,7 @@ class _Volts(Channel):
     expression: ClassVar[str] = "(hub.battery.voltage() / 1000)"
 
     def check(self, robot: Robot) -> None:
-        """Each hub has a battery."""
+        """Do nothing, because each hub has a battery."""
 
 
 @dataclass(frozen=True)

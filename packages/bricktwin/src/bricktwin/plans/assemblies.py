@@ -20,7 +20,7 @@ from bricktwin.plans.geometry import Floats
 from bricktwin.plans.ldraw_file import Marks, Reference
 
 _NEAR = 2.0
-"""Distance at which a piece is at its place, LDU. Its direction is free: shafts turn."""
+"""Largest distance of a piece from its place, LDU. Its direction is free, because shafts turn."""
 _OWN_COLOUR = 16
 
 

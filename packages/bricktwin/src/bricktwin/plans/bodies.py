@@ -19,17 +19,19 @@ from bricktwin.plans.part import Fit, Site
 from bricktwin.plans.plan import Placed
 
 RATE_LENGTH = 100.0
-"""LDU: scales angular rates, so that linear and angular rates have the same magnitude."""
+"""Length by which angular rates are scaled (LDU), so that they have the same magnitude as linear
+ones."""
 _RANK_TOLERANCE = 1e-4
 """Singular values of constraints below this count as 0."""
 _MOTION_TOLERANCE = 1e-4
 """Difference of rates up to which two bodies move alike."""
 _AXIS_TOLERANCE = 1.5
-"""LDU between two lines that are one axis."""
+"""Largest distance of two lines that count as one axis, LDU."""
 MAX_BODIES = 250
-"""No motions are computed above this number."""
+"""Largest number of bodies for which motions are computed."""
 _MAX_LOOSE_DISTANCE = 60.0
-"""LDU between the origins of a part with unmodelled connections and of the part that holds it."""
+"""Largest distance between the origins of a part with unmodelled connections and of the part that
+holds it, LDU."""
 # An axle counts as stopped between these distances of bush and beam (LDU), because real stops leave
 # up to 3.6 mm of play.
 _STOP_LOW = -2.0

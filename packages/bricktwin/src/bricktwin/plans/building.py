@@ -18,22 +18,23 @@ from bricktwin.plans.geometry import Bools, Floats
 from bricktwin.plans.plan import Placed, Plan, Step
 
 _MARGIN = 0.8
-"""LDU; with the sampling depth, overlaps up to 0.7 mm are tolerated, as real parts are slightly
-smaller."""
+"""Depth at which a point counts as inside, LDU. Together with the sampling depth, overlaps up to
+0.7 mm are tolerated, because real parts are slightly smaller."""
 _MIN_POINTS = 2
-"""Minimum number of points inside."""
+"""Least number of points inside of another part that make a collision."""
 # These limits end the collision search, because a file may hold a heap of parts in one place.
 _MAX_PAIRS = 200
-"""Colliding pairs that are found."""
+"""Largest number of colliding pairs that are found."""
 _MAX_COMPARED = 50_000
-"""Pairs that are compared."""
+"""Largest number of pairs that are compared."""
 # These limits end the search for paths.
 _MAX_QUERIES = 6000
-"""Collision queries per plan."""
+"""Largest number of collision queries for a plan."""
 _MAX_ITEMS = 60
-"""Parts per step."""
+"""Largest number of parts in a step whose paths are searched."""
 _SKIN = 1.5
-"""LDU by which the bounds of a part are smaller where parts that touch are looked for."""
+"""Length by which the bounds of a part are made smaller (LDU) to find overlaps that are more than a
+touch."""
 
 
 class Occupancy:
@@ -187,13 +188,13 @@ class Move(NamedTuple):
 
     @property
     def parts(self) -> list[int]:
-        """All parts."""
+        """Indices of all parts of the items."""
         return [part for item in self.items for part in item]
 
 
 def links_of(parts: Sequence[Placed], connections: Iterable[Connection]) -> _Links:
-    """The connections of each part. A pin, which has a collar, is drawn out to the side where most
-    of it is."""
+    """The connections of each part. A pin is drawn out to the side where most of it is, because it
+    has a collar there."""
     links: dict[int, list[tuple[int, Floats]]] = defaultdict(list)
     for link in connections:
         middle = np.mean(parts[link.male].bounds, axis=0)

@@ -22,9 +22,10 @@ _SPINNING = ("axles", "pins", "bushes")
 _REACH = 40.0
 """Distance at which an unknown part may hold others, LDU: half of a Brick 2 x 4."""
 _SLACK_MM = 30.0
-"""Length of a cable that its bends need."""
+"""Length that the bends of a cable need."""
 _Mistake = tuple[int, str, str]
-"""Line in the file, 0 for the whole plan; name; what is wrong and what to do."""
+"""A mistake: its line in the file (0 for the whole plan), its name, and what is wrong and what to
+do."""
 
 
 @dataclass(frozen=True)
@@ -73,7 +74,7 @@ def check(plan: Plan) -> list[Finding]:
 
 
 def held_by_unknown(plan: Plan, unknowns: Iterable[Unknown]) -> list[frozenset[int]]:
-    """The parts around each place of unknown parts, which may hold them together."""
+    """The parts around each place of unknown parts, which may hold these parts together."""
     low = np.array([placed.bounds[0] for placed in plan.parts]).reshape(-1, 3)
     high = np.array([placed.bounds[1] for placed in plan.parts]).reshape(-1, 3)
     groups = []

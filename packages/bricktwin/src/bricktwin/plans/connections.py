@@ -18,24 +18,26 @@ from bricktwin.plans.part import Fit, Gear, GearForm, Site
 from bricktwin.plans.plan import Placed
 
 _MAX_OFFSET = 1.2
-"""LDU: how far a pin may be from its hole's axis."""
+"""Largest distance of a pin from the axis of its hole, LDU."""
 _MAX_TILT = 0.03
-"""Sine of the largest angle between the two."""
+"""Sine of the largest angle between a pin and its hole."""
 # The same limit where a pin only needs room: real parts give way.
 _MAX_LOOSE_OFFSET = 2.5
 """LDU."""
 _MAX_LOOSE_TILT = 0.1
-"""Sine."""
+"""Sine of the largest angle between a pin and a hole that only gives it room."""
 _MIN_DEPTH = 3.5
 """Minimum depth of a connection, LDU; a stud is 4 high."""
 _MIN_SEATED_SHARE = 0.7
 """Minimum depth as a share of the shorter length."""
 _MODULE = 20.0
-"""LDU between holes: what is as deep as this holds, however long it is."""
+"""Distance between holes, LDU. A connection that is as deep as this holds, however long its parts
+are."""
 _MESH_TOLERANCE = 1.0
 """Error of two gears' distance up to which they mesh, LDU."""
 _NEAR_TOLERANCE = 9.0
-"""The same above which they are unrelated; what is between the two is a mistake to be named."""
+"""Error of two gears' distance above which they are unrelated, LDU. An error between the two limits
+is a mistake, which is reported."""
 _MAX_COMPARED = 20_000
 """Maximum number of gear pairs to compare."""
 _CROSS_DEG = 6.0
@@ -45,15 +47,16 @@ _WORM_PITCH_RADIUS = 10.0
 _TOOTH = 7.854
 """Length of a tooth, pi mm: lead of a worm, pitch of a rack."""
 _LINK = 16.0
-"""Length of a chain's link, along its z axis: two teeth. From the previous link it may be half of
-it away: LSynth fills a straight part with whole links."""
+"""Length of a chain's link, which spans two teeth, along its z axis (LDU). The next link may begin
+half of it away, because LSynth fills a straight part with whole links."""
 _LINK_TOLERANCE = 1.5
 """Largest offset of a link from a gear, LDU."""
 _BARS = (Fit.PIN, Fit.FRICTION_PIN, Fit.AXLE, Fit.PEG)
 _JOINTS = (Fit.TURNTABLE, Fit.BALL, Fit.SOCKET, Fit.RIM, Fit.TYRE)
-"""Sites that belong together where their middles are in one place, not where one is in another."""
+"""Kinds of sites that are connected if their middles are in one place, and not if one is inside of
+the other."""
 _SEAT_PLAY = 4.0
-"""Tolerance of a tyre, LDU: of its place and of its diameter."""
+"""Tolerance of a tyre's place and of its diameter, LDU."""
 # These pairs hold without any freedom: the fit of the male part, then that of the hole.
 _RIGID = ((Fit.AXLE, Fit.AXLE_HOLE), (Fit.STUD, Fit.STUD_HOLE), (Fit.RIM, Fit.TYRE))
 _Placed = tuple[int, Site, Floats, Floats]
@@ -86,7 +89,7 @@ class Connection:
 
     @property
     def fits(self) -> bool:
-        """Whether it is possible; a pin does not fit into an axle hole."""
+        """Whether the connection is possible: a pin does not fit into an axle hole."""
         is_pin = self.male_site.fit in (Fit.PIN, Fit.FRICTION_PIN)
         return not (is_pin and self.female_site.fit is Fit.AXLE_HOLE)
 
@@ -131,7 +134,7 @@ class Mesh:
 
     @property
     def is_good(self) -> bool:
-        """Whether they turn each other."""
+        """Whether the gears mesh well enough to turn each other."""
         return abs(self.error) <= _MESH_TOLERANCE and self.engaged >= _MIN_SEATED_SHARE
 
 
@@ -157,7 +160,7 @@ def neighbours(
 
 
 def reached(starts: Iterable[int], graph: Mapping[int, Iterable[int]]) -> set[int]:
-    """All nodes of a graph that are connected to one of ``starts``, and these."""
+    """The nodes of a graph that are connected to one of ``starts``, with these."""
     found = set(starts)
     waiting = list(found)
     while waiting:
@@ -175,7 +178,8 @@ def connections(parts: Sequence[Placed]) -> list[Connection]:
 
 
 def _sites_of(parts: Sequence[Placed]) -> tuple[list[_Placed], list[_Placed], list[_Placed]]:
-    """The sites that go into others, those that others go into, and the halves of joints."""
+    """The sites that go into others (males), the sites that take others (females), and the halves
+    of joints."""
     males: list[_Placed] = []
     females: list[_Placed] = []
     joints: list[_Placed] = []
@@ -288,8 +292,8 @@ def open_holes(
     shift: Floats,
     female: Placed,
 ) -> list[Site]:
-    """The holes of a part into which a pin or an axle of another one fits that is moved by
-    ``shift`` [3], however deep."""
+    """The holes of a part into which a pin or an axle of another part fits, however deep. ``shift``
+    [3] moves the other part."""
     bars = [site for site in male.part.sites if site.fit in _BARS]
     holes = female.part.holes
     if not bars or not holes:
@@ -318,8 +322,8 @@ def _is_crossed(
     holder: Placed,
     hole: Site,
 ) -> bool:
-    """Whether an axle's cross is misaligned with that of its hole; a motor turns its shaft to
-    fit."""
+    """Whether an axle's cross is misaligned with that of its hole. It never is in a motor, which
+    turns its shaft to fit."""
     if site.fit is not Fit.AXLE or hole.fit is not Fit.AXLE_HOLE or hole.turns:
         return False
     first = axle.rotation @ _arm(site)
@@ -590,8 +594,8 @@ def _make_mesh(
     engaged: float = 1.0,
     second_point: Floats | None = None,
 ) -> Mesh:
-    """A mesh: the first gear at ``point`` and the second there, or at ``second_point``, have the
-    same velocity along ``tangent``."""
+    """A mesh in which both gears have the same velocity along ``tangent``: the first one at
+    ``point``, and the second one there or at ``second_point``."""
     if second_point is None:
         second_point = point
     # A point p of a body with the rates (v, w) moves along t at v . t + w . (p x t), which is this
@@ -681,8 +685,8 @@ def _chained(
     second: _Geared,
     axis: Floats,
 ) -> Mesh | None:
-    """Two gears in a chain: where its straight part touches them, both move equally fast along it;
-    ``None`` if one is inside the other."""
+    """A mesh of two gears in a chain: both move equally fast along its straight part, where that
+    touches them. ``None`` if one gear is inside of the other."""
     radius = first.gear.pitch_radius
     other_radius = second.gear.pitch_radius
     offset = second.centre - first.centre

@@ -18,7 +18,7 @@ M_PER_LDU = MM_PER_LDU / 1000
 _MIN_SIDES = 10
 """Sides of the coarsest polygon that looks round when it is shaded."""
 _MIN_SAMPLED_HALF = 0.25
-"""LDU: a solid that is thinner than twice this is filled by one layer of points."""
+"""Half size (LDU) up to which a solid is filled by a single layer of points."""
 _BOX_SIGNS = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
 """Signs [8, 3] of the corners of a box; the last axis runs fastest."""
 AXES: dict[str, Triple] = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}

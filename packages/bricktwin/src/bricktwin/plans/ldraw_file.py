@@ -20,9 +20,10 @@ from bricktwin.plans.ldraw_text import MAX_LINES, key_of, unquoted
 from bricktwin.plans.meta_commands import Meaning, SynthKind, meaning_of, synth_kind
 
 _LIBRARY_TYPES = ("Part", "Subpart", "Shortcut", "Primitive", "8_Primitive", "48_Primitive")
-"""What a file of the library of LDraw.org declares itself to be, if it is no assembly."""
+"""Types that a file of LDraw.org's library declares if it is no assembly."""
 _STRETCH_TOLERANCE = 0.02
-"""How far a matrix times its transpose may be from the identity, in any of its numbers."""
+"""Largest difference, in any number, between the identity and the product of a matrix and its
+transpose."""
 _MAIN_COLOUR = 16
 """LDraw's code of the colour that a model gets where it is placed."""
 _ENDS = {
@@ -30,19 +31,20 @@ _ENDS = {
     "LPUB BUILD": "0 !LPUB BUILD_MOD END_MOD",
     "MLCAD SKIP": "0 MLCAD SKIP_END",
 }
-"""The line that ends lines that are no parts, by what it has in common with their first line."""
+"""Lines that end a range of lines that are no parts, each by the words that it shares with the
+first line of the range."""
 # Limits of the numbers of a file.
 _MAX_DEG = 36_000.0
 """A hundred turns of a motor."""
 _MAX_COORDINATE = 1e6
-"""LDU: 400 m."""
+"""Largest coordinate, LDU. It is 400 m."""
 _PLACE_NUMBERS = 12
 """Numbers of a line that places something: a position, and the rows of a matrix."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Marks:
-    """What our comments say of a part.
+    """Marks of a part, from our comments before it.
 
     Attributes:
         port, device: of a motor or sensor: the hub's port, and the name in the description.
@@ -153,7 +155,7 @@ def parse_any(text: str, path: str) -> "Document":
 
 @dataclass
 class _Synth:
-    """What LSynth draws in the lines that are read.
+    """A drawing of LSynth, while its lines are read.
 
     Attributes:
         is_shown: whether the parts that it runs around are parts of the model.
@@ -189,9 +191,9 @@ class Document:
         self._range: Model | None = None
         self._synth: _Synth | None = None
         self._ignored: dict[str, int] = {}
-        """Lines from which on nothing is a part, by the end that each waits for."""
+        """Lines at which a range begins that holds no parts, each by the end that it waits for."""
         self._generator_line = 0
-        """Line of this model that says that MLCad draws a hose, band or spring; 0 if its segments
+        """Line of this model in which MLCad announces a hose, band or spring; 0 once its segments
         have begun."""
         self._buffers: dict[str, list[Reference]] = {}
         self._marks: dict[str, Any] = {}
@@ -223,7 +225,7 @@ class Document:
         number: int,
         words: list[str],
     ) -> None:
-        """Do what a line means that begins with 0; these are its further words."""
+        """Carry out a line that begins with 0. ``words`` are those after it."""
         match meaning_of(words):
             case Meaning.MODEL:
                 self._file(number, unquoted(words[1:]))
@@ -287,7 +289,8 @@ class Document:
         number: int,
         words: list[str],
     ) -> None:
-        """Do what a line means that begins or ends lines that are no parts, or one piece."""
+        """Carry out a line that begins or ends a range of lines, which are no parts or one
+        piece."""
         match meaning_of(words):
             # Lines that MLCad skips are no parts, unless it has just announced that they are its
             # own drawing.
@@ -315,7 +318,7 @@ class Document:
         number: int,
         words: list[str],
     ) -> None:
-        """Do what a line of LSynth means."""
+        """Carry out a line of LSynth."""
         meaning = meaning_of(words)
         synth = self._synth
         if meaning is Meaning.SYNTH and not self._ignored:
@@ -481,7 +484,8 @@ class Document:
         self._marks = {}
 
     def _is_no_part(self, name: str) -> bool:
-        """Whether a line places no part, as it is ignored, or LSynth needs it only to draw."""
+        """Whether a line places no part, because it is ignored or because only LSynth's drawing
+        needs it."""
         synth = self._synth
         if self._ignored or synth is None:
             return bool(self._ignored)
@@ -529,8 +533,8 @@ class Document:
 
 
 def _marks_of(words: list[str]) -> dict[str, Any]:
-    """What a comment of ours says of the part after it, by the names of `Marks`; empty if it is not
-    understood."""
+    """Marks of the part after a comment of ours, by the names of `Marks`; empty if the comment is
+    not understood."""
     match words:
         case ["PORT", port, *rest] if len(port) == 1 and len(rest) < 3:
             turn_deg = numbers_of(rest[1:] or ["0"], _MAX_DEG)
@@ -551,7 +555,7 @@ def _marks_of(words: list[str]) -> dict[str, Any]:
 
 
 def _pair(words: Sequence[str]) -> str:
-    """What the first and the last of some lines that are no parts have in common."""
+    """Words that the first line and the last line of a range have in common."""
     return f"{words[0].lstrip('!')} {words[1].partition('_')[0]}"
 
 

@@ -26,7 +26,7 @@ MAIN_COLOUR = 16
 """Code of the colour that is chosen where the part is used."""
 
 _SYSTEM_FOLDERS = ("/usr/share/ldraw", "/usr/local/share/ldraw", "/Library/LDraw", "C:/LDraw")
-"""Where Linux, macOS and Windows have it."""
+"""Folders in which Linux, macOS and Windows keep such a library."""
 _NUMBERS = {"1": 12, "3": 9, "4": 12}
 """Count of the numbers of a line that refers to a file, or is a triangle or a quadrilateral."""
 _COLOUR = re.compile(

@@ -18,9 +18,10 @@ MAX_FILES = 500
 _STUDIO_MODELS = ("model.ldr", "model2.ldr")
 """The model in a file of Studio, under the names that it has there, the preferred one first."""
 _SUFFIXES = (".ldr", ".mpd", ".dat")
-"""What the name of a file beside a plan may end with."""
+"""Suffixes that a file beside a plan may have."""
 _FIRST_NAME_WORD = 14
-"""In a line that places something: after the 1, the colour and 12 numbers comes the name."""
+"""Index of the first word of the name in a line that places something. Before it are the 1, the
+colour and 12 numbers."""
 
 
 def read_text(path: Path) -> str:
@@ -77,7 +78,7 @@ def _unzipped(path: Path, data: bytes) -> bytes:
 
 
 def _rank(member: str) -> int:
-    """Place of a member of a Studio file among those that may be the model."""
+    """Rank of a member of a Studio file among those that may be the model."""
     name = key_of(member).rpartition("/")[2]
     return (*_STUDIO_MODELS, name).index(name)
 
@@ -122,7 +123,8 @@ class Beside:
         folder: Path,
         steps: Sequence[str],
     ) -> Path | None:
-        """Where steps lead from a folder; ``None`` if one of them is not there."""
+        """The path that is reached from a folder by some steps; ``None`` if one of them is not
+        there."""
         path = folder
         for step in steps:
             member = self._member(path, step)
@@ -167,8 +169,8 @@ def _listed(folder: Path) -> dict[str, Path]:
 
 
 def _plain(name: str) -> str:
-    """A name in small letters, with one space in place of several, which are lost when a line is
-    split."""
+    """A name in lower case, with one space in place of several, because splitting a line loses the
+    others."""
     return " ".join(name.split()).lower()
 
 

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 
 class Meaning(enum.Enum):
-    """What a meta command is in a plan."""
+    """Meanings that a meta command can have in a plan."""
 
     MODEL = "begins a model"
     NO_MODEL = "what follows, up to the next model, belongs to none"
@@ -153,8 +153,8 @@ META_COMMANDS = (
     MetaCommand("!PREVIEW", "LDraw", Meaning.HEADER),
     MetaCommand("!CMDLINE", "LDraw", Meaning.HEADER),
 )
-"""All kinds; of two that a line begins with, the one with more words counts. `docs/plans.md`
-has the same table, and a test compares them."""
+"""All kinds. If a line begins with the words of two, the one with more words counts.
+`docs/plans.md` has the same table, and a test compares them."""
 
 
 @functools.cache
@@ -174,7 +174,7 @@ def _by_first_word() -> dict[str, list[tuple[list[str], Meaning]]]:
 
 
 def meaning_of(words: Sequence[str]) -> Meaning | None:
-    """What a line is, by its words after the 0; ``None`` for a title, a comment, or an unknown
+    """Meaning of a line, by its words after the 0; ``None`` for a title, a comment, or an unknown
     command."""
     if not words:
         return None

@@ -13,11 +13,11 @@ HOLE_RADIUS = 6.2
 """Radius of pin and axle holes; that of a pin is 6."""
 # The ends of a pin hole are wider, to take the collar of a pin or the stop of an axle.
 _RECESS = 2.0
-"""What the recess adds to the hole's radius."""
+"""Length that the recess adds to the hole's radius, LDU."""
 _RECESS_DEPTH = 2.0
-"""How far it reaches into the hole."""
+"""Depth of the recess in the hole, LDU."""
 _SAMPLE_DEPTH = 0.9
-"""Distance of sample points from the surface."""
+"""Distance of sample points from the surface, LDU."""
 _THIN = 12.0
 """Half sizes of a solid below this are filled more closely."""
 
@@ -34,17 +34,18 @@ class Fit(enum.Enum):
     STUD = "stud"
     STUD_HOLE = "stud hole"
     PEG = "peg"
-    """On a differential: round, fits into the axle hole of a gear that turns on it."""
+    """A round peg of a differential, which fits into the axle hole of a gear that turns on it."""
     BALL = "ball"
     """A towball; the axis is that of its pin."""
     SOCKET = "ball socket"
     RIM = "rim"
-    """The length of the site is the diameter of the tyre's seat; so it is for a tyre."""
+    """The seat of a tyre on a rim. The length of the site is its diameter, and so it is for a
+    tyre."""
     TYRE = "tyre"
 
     @property
     def is_male(self) -> bool:
-        """Whether it goes into another part."""
+        """Whether the site goes into another part."""
         return self in (Fit.PIN, Fit.FRICTION_PIN, Fit.AXLE, Fit.STUD, Fit.PEG, Fit.BALL, Fit.RIM)
 
 
@@ -102,7 +103,7 @@ class Gear:
 
     @property
     def pitch_radius(self) -> float:
-        """1.25 LDU (0.5 mm) per tooth."""
+        """Radius of the pitch circle, LDU: 1.25 (0.5 mm) for each tooth."""
         return 1.25 * self.teeth
 
 

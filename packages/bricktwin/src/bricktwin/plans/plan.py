@@ -19,9 +19,9 @@ from bricktwin.plans.part import Device, DeviceKind, Part
 # These limits bound what a file can ask for: a few lines that nest sub-models can be millions of
 # parts.
 MAX_PARTS = 10_000
-"""Number of parts and sub-models that lines place."""
+"""Largest number of parts and sub-models that lines place."""
 MAX_DEPTH = 16
-"""Number of sub-models in each other."""
+"""Largest number of sub-models inside of each other."""
 _MAIN_COLOUR = 16
 """LDraw's code of the colour that a model gets where it is placed."""
 _STRETCHED = "'{}' is stretched; place it without scaling"
@@ -76,11 +76,11 @@ class Placed(Marks):
 
     @property
     def name(self) -> str:
-        """Name for messages."""
+        """Name of the part in messages."""
         return f"{self.part.name} ({self.part.number})"
 
     def with_marks_of(self, reference: Reference) -> "Placed":
-        """A motor or sensor with what a comment before its sub-model says of it."""
+        """The motor or sensor with the marks that a comment before its sub-model gives it."""
         marked = self
         if reference.stops_deg is not None:
             marked = replace(marked, stops_deg=reference.stops_deg)
@@ -96,7 +96,8 @@ class Placed(Marks):
 
     @property
     def electric(self) -> Device:
-        """The hub, motor or sensor that it is; only for one of `Plan.devices`."""
+        """The device that this part is: a hub, motor or sensor. Only parts of `Plan.devices` have
+        one."""
         assert self.part.device is not None  # noqa: S101
         return self.part.device
 
@@ -130,7 +131,7 @@ class Unknown:
 
     @property
     def is_file(self) -> bool:
-        """Whether it is no part but a model in another file, which is missing."""
+        """Whether this is no part but a model in another file, which is missing."""
         return self.number.endswith((".ldr", ".mpd"))
 
 
@@ -264,8 +265,8 @@ class SubModels:
         self._files: dict[Path, Document] = {}
         # Models are found by identity, because they can be changed and so have no hash.
         self._owners: dict[int, tuple[Document, Path]] = {}
-        """Of each model in another file than the plan, by its identity: the document and the
-        file."""
+        """Document and file of each model that is in another file than the plan's, by the model's
+        identity."""
 
     def find(
         self,

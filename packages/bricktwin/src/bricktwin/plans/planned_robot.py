@@ -96,7 +96,7 @@ def planned(plan: Plan) -> PlannedRobot:
 _STEP_DEG = 5.0
 _FINE_DEG = 0.5
 _LEAST_WAY_DEG = 5.0
-"""Less than this between two stops is no way, degrees of the driven part."""
+"""Least way between two stops, degrees of the driven part. Less is no way at all."""
 
 
 @functools.lru_cache(maxsize=64)

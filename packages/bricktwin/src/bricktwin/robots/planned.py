@@ -34,15 +34,16 @@ if TYPE_CHECKING:
 
 # How far a description and its plan may be apart.
 _WHEEL_TOLERANCE_MM = 0.5
-"""Of a wheel's diameter."""
+"""Largest difference of a wheel's diameter, mm."""
 _TRACK_TOLERANCE_MM = 2.0
-"""Of the distance between the wheels."""
+"""Largest difference of the distance between the wheels, mm."""
 _RATIO_TOLERANCE = 0.01
-"""Of a gear ratio, as a share of it."""
+"""Largest difference of a gear ratio, as a share of it."""
 _ALIGNED_COSINE = 0.999
 """Cosine of the largest angle, 2.6 degrees, at which a side of the hub looks along an axis."""
 _Mistake = tuple[int, str, str]
-"""Line in the plan's file, 0 for the whole plan; name; what is wrong and what to do."""
+"""A mistake: its line in the plan's file (0 for the whole plan), its name, and what is wrong and
+what to do."""
 
 
 class DeviceFacts(NamedTuple):
@@ -198,7 +199,7 @@ def plan_file(model: str) -> Path | None:
 
 
 class _Description(NamedTuple):
-    """What a robot has, in the words of `Robot`, while its plan still completes it."""
+    """A robot in the words of `Robot`, while its plan still completes it."""
 
     name: str
     hub: AnyHub
@@ -530,8 +531,8 @@ def _wrong_mount(
     sides: tuple[str, ...],
     planned_sides: tuple[str, ...],
 ) -> str:
-    """What is wrong with how the hub lies in a plan, and what to do. ``sides``: of its top and its
-    front in the description."""
+    """Message on how the hub lies in a plan: what is wrong, and what to do. ``sides`` are those of
+    its top and its front in the description."""
     # Pybricks is told which axes of the hub point up and forwards, so the hub cannot lie in
     # between.
     if len(planned_sides) != 2:

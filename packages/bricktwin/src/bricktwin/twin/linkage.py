@@ -22,7 +22,8 @@ _TURN_RAD = 0.25
 _MAX_STEPS = 8
 """Most steps of Gauss-Newton for one solution."""
 _STEP_RAD = 0.3
-"""Largest change of a hinge in one of them: near a dead centre the linear solution is far off."""
+"""Largest change of a hinge in one of these steps, because near a dead centre the linear solution
+is far off."""
 _TOLERANCE = 1e-6
 """Residual (m, rad) below which constraints hold."""
 _OPEN = 1e-3

@@ -53,7 +53,7 @@ class BenchTwin(BenchBody):
         self.link = physics.link
 
     def reset(self, rng: Rng) -> None:
-        """Draw random physics, if any; there is nothing to place."""
+        """Draw random physics, if any. On a bench there is nothing to place."""
         if self._random_physics is not None:
             self._apply(self._random_physics.sample(rng))
 

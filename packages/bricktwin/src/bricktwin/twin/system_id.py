@@ -29,7 +29,7 @@ from bricktwin.twin.scene import Scene
 
 Vector = NDArray[np.float64]
 OnReplay = Callable[[int, float], None]
-"""Called with the number of a replay, from 1, and the smallest error so far."""
+"""A function that is called with the number of a replay, from 1, and the smallest error so far."""
 
 _STRONG = ("battery_v", "motor_friction_scale", "mass_scale")
 """Parameters that affect all angles. The others affect details, and are fitted after these."""
@@ -38,7 +38,7 @@ _STARTS = 2
 _WIDE = 0.15
 """Size of the first simplex of a search, as a share of each parameter's range."""
 _NARROW = 0.06
-"""The same of the last search, which begins near the optimum."""
+"""Size of the first simplex of the last search, which begins near the optimum."""
 _SCAN = 21
 """Replays of the scan per parameter."""
 _LONG = 20
@@ -48,11 +48,11 @@ _SHORT = 16
 _DEVIATION = 0.25
 """Share of the randomization range by which a parameter is put off, to see if it is identified."""
 _MIN_RISE = 0.15
-"""Relative rise of the error from which on it is."""
+"""Relative rise of the error from which on a parameter counts as identified."""
 _MIN_ERROR = 0.01
-"""Smaller errors, in roughnesses, count as this."""
+"""Least error, in roughnesses, as which smaller ones count."""
 _MIN_REST_STEPS = 4
-"""A shorter rest says nothing of the noise."""
+"""Number of steps up to which a rest tells nothing about the noise."""
 _HUBER_DELTA = 3.0
 """Differences beyond this many roughnesses count linearly rather than quadratically."""
 _NOISES = tuple(name for name in PARAMETERS if "noise" in name)

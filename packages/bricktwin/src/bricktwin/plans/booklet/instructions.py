@@ -35,14 +35,14 @@ _HIDDEN = 0.33
 _MIN_GAIN = 0.05
 """How much more of the parts another view must show to be worth turning to."""
 _MAX_QUERIES = 40_000
-"""Collisions that are tested for a booklet, which bounds its time; what comes after has no
+"""Largest number of collision tests for a booklet, which bounds its time. Later steps have no
 arrows."""
 _TRIAL_ZOOM = 1.3
 """Rays per LDU where a view is tried out."""
 _GAP = 28.0
-"""LDU between a part on its way and its hole."""
+"""Distance between a part on its way and its hole, LDU."""
 _MAX_TRIES = 12
-"""How often a larger distance is tried."""
+"""Number of larger distances that are tried."""
 _MAX_ARROWS = 4
 """Most arrows of one move."""
 
@@ -169,8 +169,8 @@ class _Author:
         depth: int,
         before: set[int],
     ) -> list[list[Move]]:
-        """Moves in order, at most four kinds and eight pieces at once, about as many each time.
-        What is moved together stays together if it is as few."""
+        """Moves in order, in groups of about the same size, with at most four kinds and eight
+        pieces each. Items that are moved together stay together if they are as few."""
         pieces: list[Move] = []
         for move in moves:
             if self._is_few([move], depth):
@@ -198,8 +198,8 @@ class _Author:
         most: int,
         before: set[int],
     ) -> list[list[Move]]:
-        """Moves in order, so many pieces at once unless one move has more. What only the next ones
-        hold comes with them."""
+        """Moves in order, in groups of at most ``most`` pieces, unless a single move has more. A
+        move that only a later one holds comes in the group of that one."""
         split: list[list[Move]] = []
         for move in moves:
             if split:
@@ -224,7 +224,8 @@ class _Author:
         split: Sequence[Sequence[Move]],
         before: set[int],
     ) -> bool:
-        """Whether the last of these moves is connected to something, but not to what is there."""
+        """Whether the last of these moves is connected to parts, but to none that are there
+        already."""
         there = set(before)
         for move in itertools.chain.from_iterable(split):
             if move is not last:
@@ -312,7 +313,7 @@ class _Author:
         before: frozenset[int],
         hidden: Sequence[tuple[int, ...]],
     ) -> Scene:
-        """The hidden items with what they touch, or alone."""
+        """A scene of the hidden items with the parts that they touch, or of the items alone."""
         parts = {part for item in hidden for part in item}
         touched: set[int] = set()
         for part in parts:
@@ -356,8 +357,8 @@ class _Author:
         ways: Sequence[Arrow],
         on_way: Mapping[int, Floats],
     ) -> float:
-        """How far from its place a move is drawn, LDU: out of all holes, and apart from the parts
-        that are on their way, each shifted [3]."""
+        """Distance of a move from its place, LDU: out of all holes, and apart from the parts on
+        their way, each shifted [3]."""
         # The arrow is as long as the deepest of the part's pins and holes.
         longest = max(float((end - start) @ move.outward) for start, end in ways)
         distance = longest + _GAP
@@ -372,8 +373,8 @@ class _Author:
         move: Move,
         shifts: Mapping[int, Floats],
     ) -> list[Arrow]:
-        """Where pins and holes of a move begin [3], and where those that they belong to end: a pair
-        for each line, at most 4."""
+        """Ways of a move: for each of at most four lines, where its pin or hole begins [3] and
+        where the one that it belongs to ends [3]."""
         ways: dict[tuple[float, ...], Arrow] = {}
         for part in move.parts:
             for link, site, other, other_site in self.joints.get(part, ()):
@@ -412,7 +413,7 @@ class _Author:
         shift: Floats,
         others: Mapping[int, Floats],
     ) -> bool:
-        """Whether the moved parts' boxes overlap none of others, moved too."""
+        """Whether the boxes of moved parts overlap no boxes of other parts, which are moved too."""
         if not others:
             return True
         where = np.array(list(others.values()))

@@ -48,7 +48,7 @@ _MM_PER_INCH = 25.4
 _LIFE_SIZE = MM_PER_LDU / _MM_PER_INCH * DPI * OVERSAMPLING
 """Rays per LDU of a picture as large as the parts."""
 _SCALES = tuple(_LIFE_SIZE * 1.15 * 0.84**step for step in range(30))
-"""Few scales, so that the parts of many steps are drawn once."""
+"""Scales of pictures. They are few, so that the parts of many steps are drawn only once."""
 _COLOURS = 64
 """Colours of a picture in a PDF; a page in HTML has twice as many."""
 _HTML_DPI = 150
@@ -77,8 +77,8 @@ _MODULE_MM = 8.0
 
 @dataclass(frozen=True)
 class Item:
-    """A kind of part, or a sub-assembly: picture, count, text; ``bar``: what is drawn at 1:1, or
-    ``None``."""
+    """A kind of part, or a sub-assembly, with picture, count and text. ``bar`` is the part that is
+    drawn in life size, or ``None``."""
 
     picture: Picture
     count: int
@@ -97,7 +97,7 @@ class Cable:
 
 @dataclass(frozen=True)
 class Page:
-    """A page: a title or a step, with items, and lines of text below a picture."""
+    """A page with a title or a step, items, and lines of text below a picture."""
 
     head: str
     note: str
@@ -310,8 +310,8 @@ def _cables(plan: Plan) -> tuple[Cable, ...]:
 
 
 def _pdf(plan: Plan, pages: Iterable[Page]) -> tuple[bytes, int]:
-    """The booklet and its number of pages. A page's picture is large: they are drawn one after the
-    other."""
+    """The booklet and its number of pages. Pages are drawn one after the other, because their
+    pictures are large."""
     import_matplotlib()
     from matplotlib import rc_context
     from matplotlib.backends.backend_pdf import PdfPages
@@ -618,7 +618,8 @@ def _put(
 
 
 def _indexed(pixels: Pixels, paper: tuple[float, float, float]) -> Pixels:
-    """A picture with few colours, a third of the bytes; the paper keeps its own."""
+    """A picture with few colours, which takes a third of the bytes. The paper keeps its own
+    colour."""
     image = Image.fromarray(pixels).quantize(_COLOURS, dither=Image.Dither.NONE)
     few = np.asarray(image.convert("RGB")).copy()
     # The palette may shift the colour of the paper, and the edge of the picture would then be seen
@@ -633,7 +634,7 @@ def _inches(
     corner: tuple[float, float],
     point: Floats,
 ) -> tuple[float, float]:
-    """Where a point [3] of the plan is on the page."""
+    """Place of a point [3] of the plan on the page, inches."""
     x, y = picture.pixel_of(point)
     return corner[0] + x / DPI, corner[1] - y / DPI
 
@@ -698,7 +699,7 @@ def _compass(
     view: View,
     middle: tuple[float, float],
 ) -> None:
-    """The robot's front and right in a view; in a plan they are z and x."""
+    """Draw the robot's front and right in a view, which are z and x in a plan."""
     centre = np.array(middle)
     # The y axis points down in a picture and up on a page.
     to_page = np.array([_COMPASS, -_COMPASS])
@@ -744,7 +745,7 @@ def _turn_mark(
     view: View,
     middle: tuple[float, float],
 ) -> None:
-    """Two arrows in a circle, and from where the robot is seen now."""
+    """Draw two arrows in a circle, and write from where the robot is seen now."""
     x, y = middle
     _arrow(
         figure,
@@ -865,7 +866,7 @@ def _life_size(
     placed: Placed,
     y: float,
 ) -> None:
-    """An axle or a straight beam at its real length, its modules marked."""
+    """Draw an axle or a straight beam in its real length, with marks at its modules."""
     from matplotlib.patches import Circle
 
     modules = _modules(placed)

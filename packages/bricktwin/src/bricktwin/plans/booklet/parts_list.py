@@ -118,7 +118,7 @@ _REPLACEMENTS = {"3704": "32062", "62821": "62821b"}
 """Parts that another one can replace: an axle by a notched one, a differential by its other
 mould."""
 _MAX_LISTED = 8
-"""Kinds of missing parts that a line names."""
+"""Largest number of kinds of missing parts that a line names."""
 
 
 @dataclass(frozen=True)
@@ -250,8 +250,8 @@ def _purchase(
     needed: Counter[str],
     unknown: Counter[str],
 ) -> Purchase:
-    """What sets have of a plan's parts, and what is missing. ``unknown``: the plan's parts that the
-    catalogue does not have."""
+    """The parts of a plan that some sets have, and the missing ones. ``unknown`` are the plan's
+    parts that the catalogue does not have."""
     available: Counter[str] = Counter()
     for lego_set in lego_sets:
         available += lego_set.parts
@@ -275,7 +275,7 @@ def _purchase(
 
 
 def _key(part: Part) -> str:
-    """What a part is compared by: equal keys are as good as each other."""
+    """Key by which a part is compared: parts with equal keys can replace each other."""
     if part.device is not None:
         return part.device.name
     return _REPLACEMENTS.get(part.number, part.number)

@@ -31,13 +31,13 @@ _LIGHT = np.array([-0.42, -0.72, -0.55]) / np.linalg.norm([-0.42, -0.72, -0.55])
 _AMBIENT = 0.66
 """Brightness in the shade."""
 _DIFFUSE = 0.40
-"""What the light adds to it where it falls straight on a surface."""
+"""Brightness that the light adds where it falls straight on a surface."""
 _DARKEST_SIDE = -0.4
 """Cosine below which a surface that is turned away from the light gets no darker."""
 _HOLLOW = 0.80
 """Share of the brightness that is left in holes."""
 _EPSILON = 0.02
-"""LDU: what is thinner along a ray is nothing. Without it rounding leaves films of material, at
+"""Least thickness of material along a ray, LDU. Without it rounding leaves films of material, at
 almost a third of the points of a gear with 24 teeth (3648)."""
 _FOLD = 0.80
 """Cosine of the smallest angle of a fold that is drawn as a line."""
@@ -46,7 +46,7 @@ _JUMP = 5.0
 _FADED = 0.52
 """Share of a faded part's colour that is replaced."""
 _FADE_TO = 0.95
-"""The grey that replaces it."""
+"""Grey that replaces that share of a faded part's colour."""
 _FADED_EDGE = 0.50
 """Brightness of a faded part's lines."""
 _DARKEST = 0.12
@@ -56,13 +56,13 @@ _BLACK = 0.25
 _EDGE = 0.10
 """Brightness of the lines of a part in full colour."""
 _LIGHT_EDGE = 0.50
-"""The same of a black one."""
+"""Brightness of the lines of a black part in full colour."""
 _MAX_PASSES = 12
-"""How often a ray may leave one cut and find itself in another."""
+"""Largest number of times that a ray may leave one cut and find itself in another."""
 _MAX_POINTS = 25_000_000
-"""Points of the sprites that are kept, ten bytes each."""
+"""Largest number of points of all sprites that are kept, at ten bytes each."""
 _Window = tuple[slice, slice]
-"""Rows and columns."""
+"""Slices of the rows and of the columns of an array."""
 
 
 @dataclass(frozen=True)
@@ -93,7 +93,7 @@ class View:
 
 
 VIEWS = tuple(View(turn, tilt) for tilt in (30.0, -30.0) for turn in (40.0, -40.0, 140.0, -140.0))
-"""The first is the default."""
+"""Views that a step may be drawn in; the first one is the default."""
 
 
 @dataclass(frozen=True)
@@ -121,8 +121,8 @@ class Sprite:
 
 
 class _Spans(NamedTuple):
-    """Where rays enter and leave a convex solid; a ray that misses it enters behind where it
-    leaves."""
+    """Depths at which rays enter and leave a convex solid. A ray that misses it enters behind where
+    it leaves."""
 
     enter: Reals
     leave: Reals
@@ -137,7 +137,7 @@ class _Rays(NamedTuple):
     axes: Reals
 
     def spans(self, solid: Solid) -> list[_Spans]:
-        """Where they are in a solid: for a ring, before and behind its bore."""
+        """Spans of the rays in a solid: one, or for a ring two, before and behind its bore."""
         # Single precision is enough, and a sprite then keeps ten bytes a point.
         frame = np.array(solid.axes, dtype=np.float32)
         centre = frame @ np.array(solid.centre, dtype=np.float32)
@@ -167,7 +167,7 @@ class _Rays(NamedTuple):
 
 
 def _common(first: _Spans, *others: _Spans) -> _Spans:
-    """Where all spans are."""
+    """The common part of all spans."""
     enter, leave = first
     for other in others:
         enter = np.maximum(enter, other.enter)
@@ -187,7 +187,7 @@ def _slab(
     along: float,
     half: float,
 ) -> _Spans:
-    """Where rays are between two parallel planes."""
+    """Spans of rays between two parallel planes."""
     if abs(along) < 1e-7:
         return _everywhere(np.abs(across) < half)
     middle = across / -along
@@ -200,7 +200,7 @@ def _round(
     along: Reals,
     radius: float,
 ) -> _Spans:
-    """Where rays are in a ball (three coordinates) or an endless cylinder (two)."""
+    """Spans of rays in a ball (three coordinates) or in an endless cylinder (two)."""
     # |across + depth * along|^2 = radius^2, a quadratic equation for the depth.
     square = float(along @ along)
     constant = sum(value * value for value in across) - radius**2
@@ -217,7 +217,7 @@ def _round(
 
 
 class _Box(NamedTuple):
-    """Columns and rows: the first ones, and the ones after the last."""
+    """A range of columns and rows: the first ones, and the ones after the last."""
 
     left: int
     top: int
@@ -229,15 +229,15 @@ class _Box(NamedTuple):
         left: int,
         top: int,
     ) -> _Window:
-        """Its rows and columns in an array that begins at another column and row."""
+        """The rows and columns of this box in an array that begins at another column and row."""
         rows = slice(self.top - top, self.bottom - top)
         columns = slice(self.left - left, self.right - left)
         return rows, columns
 
 
 class _Source(NamedTuple):
-    """What a ray meets: a solid, its material, and whether the ray comes out of it: it is cut out
-    of what is seen."""
+    """A surface that a ray may meet: a solid with its material. ``is_cut`` says that the solid is
+    cut out, so that the ray comes out of it."""
 
     solid: Solid
     tint: Tint
@@ -245,7 +245,7 @@ class _Source(NamedTuple):
 
 
 class _Cut(NamedTuple):
-    """Where rays are in a cut, in a window of the rays of the piece."""
+    """Spans of rays in a cut, in a window of the rays of the piece."""
 
     solid: Solid
     window: _Window
@@ -350,8 +350,8 @@ def _rays(
 
 
 def _first_material(span: _Spans, cuts: Sequence[_Cut]) -> tuple[Reals, Ints]:
-    """Where rays meet the material of a solid (infinite if nowhere), and the index of the cut that
-    they come out of, -1 for none."""
+    """Depths at which rays meet the material of a solid (infinite if nowhere), and the indices of
+    the cuts that they come out of, -1 for none."""
     at = span.enter.copy()
     cut_by = np.full(span.enter.shape, -1)
     # Cuts overlap, as a bore and its recesses do, so a ray that leaves one may be in another that
@@ -448,8 +448,8 @@ class Shown(NamedTuple):
 
 @dataclass(frozen=True)
 class Picture:
-    """What each point shows: the index of a part, -1 for none, with its material, brightness and
-    lines.
+    """A picture: for each point, the index of the part that it shows (-1 for none), with its
+    material, brightness and lines.
 
     Attributes:
         view, zoom: rays per LDU.
@@ -475,8 +475,7 @@ class Picture:
         return self.owner.shape[1] / OVERSAMPLING, self.owner.shape[0] / OVERSAMPLING
 
     def visible(self, group: Iterable[int]) -> float:
-        """Share of some parts, as one thing, that the others do not hide: the largest number is
-        that of the parts alone."""
+        """Share of some parts, taken as one thing, that the other parts do not hide."""
         parts = list(group)
         shown = np.isin(self.owner, parts).sum()
         alone = sum(self.alone[part] for part in parts)
@@ -567,7 +566,7 @@ class _Place(NamedTuple):
 
 
 class Studio:
-    """Draws pictures, and keeps the sprites."""
+    """A studio that draws pictures and keeps the sprites."""
 
     def __init__(self) -> None:
         self._sprites: dict[tuple[str, bytes, float], Sprite] = {}

@@ -15,7 +15,8 @@ from bricktwin.plans.part import Device, DeviceKind, MassSource, Part
 _PRINTED = re.compile(r"(\d+[a-z]??)(?:p|d|-)\w{1,8}")
 """A number with a pattern, in LDraw's notation: 3004p0b, stickers as 87079d08, formerly 3005-7."""
 DIRECT_COLOUR = 0x2000000
-"""LDraw's code of black as red, green and blue; from here on the lowest 24 bits are the colour."""
+"""LDraw's code of black as a direct colour. In codes from here on, the lowest 24 bits are red,
+green and blue."""
 
 
 @functools.cache

@@ -42,15 +42,15 @@ _FITS = {
     "tyre": Fit.TYRE,
 }
 _WITHOUT_SOLIDS = (Fit.TURNTABLE, Fit.STUD, Fit.STUD_HOLE, Fit.BALL, Fit.SOCKET, Fit.RIM, Fit.TYRE)
-"""Sites without solids: collisions ignore studs, sockets and the hollows for them; a towball's head
-is added to its part."""
+"""Kinds of sites without solids. Collisions ignore studs, sockets and the hollows for them, and the
+head of a towball is added to its part."""
 _NOTCH = "notch "
 _MODULE = 20.0
-"""LDU: distance between holes."""
+"""Distance between holes, LDU."""
 _WALL_RADIUS = 9.0
-"""LDU: outer radius of the tube around a hole."""
+"""Outer radius of the tube around a hole, LDU."""
 _PIN_RADIUS = 6.0
-"""LDU: radius of what goes into a hole."""
+"""Radius of a pin or an axle, LDU."""
 
 
 def points(text: str) -> list[Triple]:

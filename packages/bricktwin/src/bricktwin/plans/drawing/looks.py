@@ -31,22 +31,22 @@ from bricktwin.plans.part import HOLE_RADIUS, Fit, Gear, GearForm, Part, Site
 _STUD_RADIUS = 6.0
 _PIN_RADIUS = 6.0
 _BORE_RADIUS = 4.0
-"""The inside of a hollow pin."""
+"""Radius of the inside of a hollow pin."""
 _COLLAR_RADIUS = 7.8
 _COLLAR_WIDTH = 2.4
 _SLIT = (1.3, 9.0, 8.0)
 """Half sizes of the slit in an end of a pin: its width, across the pin, and into it."""
 _RECESS_RADIUS = 8.0
-"""The wider ends of a pin hole, into which a pin's collar goes."""
+"""Radius of the wider ends of a pin hole, into which a pin's collar goes."""
 _RECESS_DEPTH = 2.0
 _BLADE = (6.0, 2.2)
 """Half length and half width of an axle's blade."""
 _CROSS = (6.2, 2.4)
-"""The same of the cross that it goes into."""
+"""Half length and half width of the arms of the cross that the blade goes into."""
 _TOOTH_HEIGHT = 2.2
 """Height of teeth above the pitch circle."""
 _TOOTH_DEPTH = 2.8
-"""The same below it."""
+"""Depth of teeth below the pitch circle."""
 _RUBBER = 0.4
 """Rings of a wheel that are wider than this share of its diameter are its tyre."""
 _MIN_TYRE_MM = 50.0
@@ -94,7 +94,7 @@ class Piece:
 
 @functools.lru_cache(maxsize=1024)
 def look_of(part: Part) -> tuple[Piece, ...]:
-    """The pieces of a part."""
+    """The pieces that a part is drawn with."""
     drawn = _drawn_looks().get(part.number, ())
     # A drawing in the part's own colour replaces all of its solids; one in other colours only adds
     # details to them.
@@ -132,7 +132,8 @@ def look_of(part: Part) -> tuple[Piece, ...]:
 
 
 def _bored(piece: Piece, holes: list[Solid]) -> Piece:
-    """A piece with the holes cut out of it that it has to do with: each cut costs rays."""
+    """A piece with holes cut out of it. Holes that do not meet it are left out, because each cut
+    costs rays."""
     near = [hole for hole in holes if solids_meet(piece.solid, hole)]
     return Piece(piece.solid, piece.tint, (*piece.cuts, *near))
 

@@ -18,9 +18,9 @@ _CHORD_ERROR = 0.3
 _ON_AXIS = 1e-9
 """Radii of a profile below this lie on its axis, where triangles have no area."""
 _SPREAD = 0.9
-"""How near to its corners a triangle is sampled: share of the way there from its middle."""
+"""Share of the way from a triangle's middle to its corners at which it is sampled."""
 _OFFSET = 0.05
-"""LDU: distance of the sample points from their triangle."""
+"""Distance of the sample points from their triangle, LDU."""
 _BALL_ANGLES = [math.pi * step / 10 - math.pi / 2 for step in range(11)]
 """Latitudes of a ball's rings, from pole to pole."""
 _DISC_OFFSET = 0.15

@@ -83,7 +83,7 @@ COLOURS: dict[str, tuple[float, float, float]] = {
     "red": (0.85, 0.03, 0.03),
 }
 GLOWING = {"glow", "azure"}
-"""Colours of what emits light."""
+"""Names of the colours that emit light."""
 # A hub shows this heart when it is switched on; each mark is a lamp.
 _HEART = (".#.#.", "#####", "#####", ".###.", "..#..")
 

@@ -20,9 +20,9 @@ from bricktwin.plans.part import DeviceKind, Part
 from bricktwin.plans.plan import Placed, Plan
 
 _CLEARANCE = 0.5
-"""LDU: 0.1 mm on each side of a part."""
+"""Clearance between two parts (LDU), which is 0.1 mm on each side."""
 _BEND = 80.0
-"""LDU: how far a cable's curve is pulled away from its ends."""
+"""Distance by which a cable's curve is pulled away from its ends, LDU."""
 _SPOKED_MM = 40.0
 """Diameter from which a wheel is drawn with spokes."""
 _DETAILED: dict[str, tuple[Callable[[], Piece], tuple[int, int, int]]] = {
@@ -30,10 +30,10 @@ _DETAILED: dict[str, tuple[Callable[[], Piece], tuple[int, int, int]]] = {
     "spike-medium": (pieces.medium_motor_case, (-3, -2, -1)),
     "UltrasonicSensor": (pieces.ultrasonic_sensor, (-3, 1, -2)),
 }
-"""Our drawings of electric parts, and the signed axes of the catalogue's parts that are x, y and z
-there (1 is a part's x)."""
+"""Our drawings of electric parts, each with the signed axes of the catalogue's part that are x, y
+and z in the drawing (1 is the part's x)."""
 _WHEEL_AXES = (-1, -3, -2)
-"""The same of a wheel."""
+"""Signed axes of a wheel in the catalogue that are x, y and z in our drawing."""
 
 
 def looks_of(
@@ -119,8 +119,8 @@ def _uncovered(
     shape: Shape,
     others: list[Placed],
 ) -> Shape:
-    """A shape of a part without the triangles that other parts hide, which have material just
-    outside."""
+    """A shape of a part without the triangles that other parts hide: those with material just
+    outside of them."""
     samples = offset_points(placed.to_plan(shape.points)[shape.faces], _CLEARANCE)
     covered = np.zeros(samples.shape[:2], dtype=bool)
     flat_samples = samples.reshape(-1, 3)

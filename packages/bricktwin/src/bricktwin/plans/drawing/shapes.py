@@ -12,11 +12,12 @@ from numpy.typing import NDArray
 from bricktwin.plans.geometry import Floats, Triple, circle_sides, rotation
 
 _CHORD_ERROR_MM = 0.12
-"""Less than a pixel of the cameras, which are half a metre away."""
+"""Largest distance of a circle from its polygon, mm. This is less than a pixel of the cameras,
+which are half a metre away."""
 _SHARP = np.cos(np.radians(38.0))
 """Cosine of the smallest angle between two faces whose edge is drawn sharp."""
 _MIN_AREA = 1e-6
-"""Triangles of less (in twice the square of their unit) have no normal that means something."""
+"""Least area of a triangle whose normal means something, in twice the square of its unit."""
 
 X_AXIS = (1.0, 0.0, 0.0)
 Y_AXIS = (0.0, 1.0, 0.0)

@@ -23,9 +23,10 @@ from bricktwin.plans.mechanism.kinematics import (
 )
 
 _BALANCED_KG_M = 1.2e-5
-"""12 g, 1 mm off the axis: 0.1 Nmm, 1/200 of a motor's friction."""
+"""Largest imbalance of a shaft that becomes visual: 12 g, 1 mm off its axis, which is a torque of
+0.1 Nmm, 1/200 of a motor's friction."""
 _ROD_KG = 0.010
-"""Heavier links are separate bodies."""
+"""Largest mass of a link that becomes a rod; heavier ones are bodies of their own."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,7 +141,7 @@ class _Simplifier:
         self.mechanism = mechanism
         self.trains = trains
         self.merged_into = np.arange(len(mechanism.links))
-        """For each link, the one that it has been merged into; itself, if it has not."""
+        """For each link, the one that it has been merged into, or itself."""
         self.hinges = dict(enumerate(mechanism.hinges))
         self.followers: list[tuple[int, Hinge, str, float]] = []
         self.rods: list[tuple[int, Hinge, Hinge]] = []

@@ -22,11 +22,11 @@ from bricktwin.plans.plan import Placed, Plan
 TO_TWIN = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 """Rotation from a plan's frame to the twin's."""
 _SPACING = 2.5
-"""LDU: minimum spacing of the points that carry a part's mass."""
+"""Least spacing of the points that carry a part's mass, LDU."""
 _MAX_POINTS = 30_000
-"""The same points' number, about, for a large part."""
+"""Number of these points, roughly, for a large part."""
 _MIN_RATIO = 1e-4
-"""A hinge that turns less per turn of a motor is not driven by it."""
+"""Least turns of a hinge for a turn of a motor that drives it."""
 _COAXIAL_M = 0.001
 # These are estimates for the shaft of a motor with nothing on it.
 _SHAFT_KG = 0.002

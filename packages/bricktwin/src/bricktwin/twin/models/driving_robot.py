@@ -28,7 +28,7 @@ _WHEEL_KG = 0.018
 """Mass of a wheel of ``_WHEEL_MM``; other wheels are scaled by area."""
 _WHEEL_MM = 56.0
 _HUB_X_MM = -16.0
-"""Place of the hub unless the description says so: behind the axle, towards the caster."""
+"""Default place of the hub: behind the axle, towards the caster."""
 _CLEARANCE_MM = 3.0
 """Least distance of the motors to the floor."""
 _UNKNOWN_HUB: tuple[Triple, float] = ((64.0, 40.0, 32.0), 100.0)

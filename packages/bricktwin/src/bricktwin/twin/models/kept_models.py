@@ -16,8 +16,8 @@ from bricktwin.robots.planned import plan_file
 from bricktwin.twin.scene import Scene
 
 _SPARSE_FROM_DOFS = 60
-"""Degrees of freedom from which MuJoCo chooses sparse matrices, whose factor is wrong until version
-4.0.1 (its changelog)."""
+"""Number of degrees of freedom from which on MuJoCo chooses sparse matrices, whose factor is wrong
+until version 4.0.1 (its changelog)."""
 
 
 def robot_model(robot: Robot, scene: Scene) -> mujoco.MjModel:

@@ -27,8 +27,7 @@ _MOUNTS = {
     SensorKind.COLOR_DISTANCE: _FACING_FLOOR,
     SensorKind.FORCE: Mount((80.0, 0.0, 30.0)),
 }
-"""Where a sensor of a kind sits unless its description says so; others are in front and look
-ahead."""
+"""Default mount of each kind of sensor; others are in front and look ahead."""
 INFRARED_MM = {SensorKind.COLOR_DISTANCE: 100.0, SensorKind.INFRARED: 150.0}
 """Distances that sensors with infrared light report as 100 %; estimates."""
 _UNKNOWN_SENSOR: tuple[Triple, float] = ((24.0, 24.0, 24.0), 12.0)

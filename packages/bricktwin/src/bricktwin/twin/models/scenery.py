@@ -24,7 +24,7 @@ _HIGHEST_MM = 2.4
 _RAMP_MM = 8.0
 """Thickness of a ramp's plate."""
 _CORNERS = 64
-"""Corners of what is drawn as round."""
+"""Number of corners of a shape that is drawn as round."""
 _FLAT_MM = 0.01
 """Thickness of a mark: a mesh needs a volume."""
 _FRICTION = 0.4

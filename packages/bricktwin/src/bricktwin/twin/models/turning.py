@@ -14,10 +14,10 @@ from bricktwin.plans.mechanism.articulation import Follower, Geared
 from bricktwin.twin.models.mjcf import SHAPE_GROUP
 
 _SPINNER = "spin_"
-"""First letters of the names of shafts and gears: `TurningParts` finds them by these, as a compiled
-model keeps nothing else of what they are."""
+"""First letters of the names of shafts and gears. `TurningParts` finds them by these, because a
+compiled model keeps nothing else about them."""
 _SPINNER_USER = 4
-"""Numbers of a shaft's or gear's user data: ratio and axis [3]."""
+"""Number of user data of a shaft or gear: its ratio and its axis [3]."""
 _ROD = "rod_"
 """First letters of the names of rods."""
 
@@ -72,7 +72,7 @@ def add_spinner(
     follower: Follower,
     at_m: Triple,
 ) -> mujoco.MjsBody:
-    """Add a body that turns with a motor, to draw on."""
+    """Add a body that turns with a motor, on which its parts are drawn."""
     # The name says which port turns the body, and the user data by how much. A kept model preserves
     # both, and `TurningParts` reads them from there.
     axis = -follower.axis

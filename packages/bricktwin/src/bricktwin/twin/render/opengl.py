@@ -186,14 +186,14 @@ _DISABLED = ("disable", "disabled", "off", "false", "0")
 _MAX_GEOMS = 1000
 """Geometries of a scene, with decorations."""
 _TABLE_BYTES = 2**20
-"""More than the size of a film's table of images."""
+"""Size that a film's table of images never reaches."""
 _LITTLE_BYTES = 2**20
 """Free space below which a disk counts as full."""
 _PIXEL = np.dtype("V3")
-"""A pixel is copied as one value, several times as fast as by colour."""
+"""Type of a pixel as one value, which is copied several times as fast as its three colours."""
 
 Decorate = Callable[[mujoco.MjvScene], None]
-"""Adds decorations to a scene before each rendering."""
+"""A function that adds decorations to a scene before each rendering."""
 
 
 class Renderer(contextlib.AbstractContextManager["Renderer"]):

@@ -182,7 +182,7 @@ class Room:
         self.camera.lookat[:] = self._target
 
     def _robot(self) -> tuple[float, float, float]:
-        """Where the camera should look, m."""
+        """The point at which the camera should look, m."""
         if not self._moves:
             # The camera aims at the middle of an arm on its table.
             return 0.04, 0.0, 0.13
