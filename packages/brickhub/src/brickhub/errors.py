@@ -62,7 +62,7 @@ class Reason(enum.Enum):
 
     @property
     def is_lasting(self) -> bool:
-        """Whether it lasts until a person acts."""
+        """Whether the error lasts until a person acts."""
         return self not in (Reason.NOT_FOUND, Reason.UNKNOWN)
 
 

@@ -92,7 +92,7 @@ def check_existing(command: Any) -> None:
 
 
 def _remarks_on(hint: Any) -> tuple[Any, ...]:
-    """What an annotation says of a field besides its type."""
+    """Remarks of an annotation on a field, besides its type."""
     remarks: tuple[Any, ...] = getattr(hint, "__metadata__", ())
     return remarks
 

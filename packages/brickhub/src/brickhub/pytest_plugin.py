@@ -48,7 +48,7 @@ class ProgramRun:
 
     @cached_property
     def log(self) -> list[dict[str, float | str | None]]:
-        """What motors and sensors did: a row every 10 ms by column, such as ``time_s``,
+        """Log of the motors and sensors: a row every 10 ms by column, such as ``time_s``,
         ``A_angle_deg``, ``C_distance_mm``, as ``brickhub run --log`` writes them; ``None`` where
         there is no value yet."""
         return list(self._log.rows())

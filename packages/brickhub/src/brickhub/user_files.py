@@ -178,7 +178,7 @@ def objects_in(reference: str, kind: type) -> dict[str, Any]:
 
 
 def _objects_of(module: ModuleType, kind: type) -> dict[str, Any]:
-    """As `objects_in`, of a module that is loaded."""
+    """Objects of a type in a module that is loaded, as by `objects_in`."""
     # Objects are compared by identity, because equal robots may be two, and not every object has a
     # hash.
     found: dict[int, tuple[str, Any]] = {}
@@ -200,7 +200,7 @@ def _items_within(
     value: object,
     walked: set[int],
 ) -> Iterator[tuple[str, object]]:
-    """All that is in a list, tuple, set or dictionary, at any depth, by its place; a container that
+    """Everything in a list, tuple, set or dictionary, at any depth, by its place. A container that
     was walked before has nothing new."""
     if not isinstance(value, list | tuple | set | frozenset | dict) or id(value) in walked:
         return

@@ -68,7 +68,7 @@ def start(table: str, arguments: Sequence[str] | None = None) -> int:
         at_once = ending_at_once()
 
         def begin(command: ParsedCommand) -> None:
-            """What is executed ends in order, and saves."""
+            """Let the command end in order from here on, and save."""
             end.saves = not isinstance(command, SavesNothing)
             for number in at_once:
                 signal.signal(number, signal.default_int_handler)

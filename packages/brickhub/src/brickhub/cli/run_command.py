@@ -227,7 +227,7 @@ class Run:
         stack: ExitStack,
         body: Body | None,
     ) -> Operation:
-        """What a person does; a body has its end stops."""
+        """The deeds of a person, and the end stops if there is no body that has them."""
         from brickhub.cli.key_listener import can_listen, keys_heard
         from brickhub.virtual.given_readings import parse_device, parse_end_stop, parse_reading
         from brickhub.virtual.panel import parse_press

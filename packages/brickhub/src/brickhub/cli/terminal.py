@@ -146,7 +146,8 @@ def _next_byte(handle: int) -> bytes:
 
 
 def _byte_of_thread(handle: int) -> bytes:
-    """As `_next_byte`, read in a thread, which is left behind if nothing comes."""
+    """The next byte, as by `_next_byte`, but read in a thread, which is left behind if nothing
+    comes."""
     read: queue.SimpleQueue[bytes] = queue.SimpleQueue()
 
     def read_one() -> None:

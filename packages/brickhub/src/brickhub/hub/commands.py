@@ -28,7 +28,7 @@ Imports = tuple[tuple[str, str], ...]
 _MAX_TEST_TURN_DEG = 10.0
 """Largest turn that the test of an endless move requires."""
 _LOWEST_TONE_HZ = 64
-"""Below it a hub's loudspeaker is silent."""
+"""Lowest tone of a hub's loudspeaker, which is silent below it."""
 
 
 class WireNumber:

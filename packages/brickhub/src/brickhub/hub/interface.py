@@ -130,8 +130,9 @@ class Channel(WireNumber, ABC):
         return -largest, largest
 
     def is_wide(self, robot: Robot | None) -> bool:
-        """Whether it has 32 bits on the wire rather than 16, as it counts without end. ``robot``:
-        the one that it is read on; ``None`` for one whose motors have ranges."""
+        """Whether the number takes 32 bits on the wire rather than 16, because it counts without
+        end. ``robot`` is the one that it is read on, or ``None`` for one whose motors have
+        ranges."""
         return self.accumulates
 
     @property

@@ -49,7 +49,7 @@ class Done(enum.IntEnum):
 
 
 class MotorState(enum.IntEnum):
-    """What a motor does now, as far as a virtual one tells."""
+    """States of a motor, as far as a virtual one tells them."""
 
     READY = 0
     RUNNING = 1

@@ -102,7 +102,7 @@ class Radio(Protocol):
         function: Callable[[], _T],
         limit_s: float | None = None,
     ) -> _T:
-        """What a function returns that waits for a device. Raises HubTimeoutError after a time."""
+        """The result of a function that waits for a device. Raises HubTimeoutError after a time."""
 
     def now_s(self) -> float:
         """Time of the devices, in seconds."""

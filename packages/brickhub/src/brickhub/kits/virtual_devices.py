@@ -25,7 +25,7 @@ from brickhub.virtual.stimuli import Hsv
 Report = tuple[str, tuple[int, ...]]
 _Command = Callable[[protocol.Message], None]
 _END_STATES = ("COAST", "BRAKE", "HOLD", "CONTINUE", "COAST_SMART", "BRAKE_SMART", "BRAKE_SMART")
-"""What a motor does after a move, by the number of the end state; the last one is that of -1."""
+"""Ends of a move, by the number of the end state; the last one is that of -1."""
 _DEFAULT_SPEED_PCT = 50
 """Speed of a command without one: the default of ``movement_move_tank_for_degrees`` in LEGO's
 package."""
@@ -151,7 +151,7 @@ class KitDevice:
                     self._answer(message)
 
     def update(self) -> None:
-        """What is due after a control step: ends of moves, and a notification."""
+        """Do what is due after a control step: ends of moves, and a notification."""
         if self._period_ms and self._machine.time_ms >= self._due_ms:
             self._due_ms = self._machine.time_ms + self._period_ms
             self.outbox.append(protocol.encode_notification(self._reports()))

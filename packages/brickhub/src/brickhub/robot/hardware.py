@@ -241,7 +241,7 @@ class KitKind(_Kind):
         is_rechargeable=True,
         buttons=(),
     )
-    """Its left motor is on port A, its right one on port B."""
+    """The Double Motor, whose left motor is on port A and whose right one is on port B."""
     SINGLE_MOTOR = replace(
         DOUBLE_MOTOR,
         name="single-motor",
@@ -253,7 +253,7 @@ class KitKind(_Kind):
 
 
 AnyHub = HubKind | KitKind
-"""What carries a robot's devices."""
+"""Kinds of devices that carry the other devices of a robot."""
 
 
 @dataclass(frozen=True)

@@ -110,7 +110,7 @@ LOOKS: dict[str, tuple[float, float, float]] = {
 }
 """Directions in the axes of a robot: x forward, y left, z up."""
 HUB_FLAT = ("up", "ahead")
-"""Where top and front of a hub look that lies flat, with its USB port ahead."""
+"""Directions of top and front of a hub that lies flat, with its USB port ahead."""
 
 
 @dataclass(frozen=True)

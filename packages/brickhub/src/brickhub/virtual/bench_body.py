@@ -396,7 +396,7 @@ class FittedBench(BenchBody):
             self._readings.setdefault((port, sense), self._in_time(reading))
 
     def _in_time(self, reading: GivenReading) -> Reading:
-        """What a sensor reads, as given for each moment."""
+        """Readings of a sensor, as given for each moment."""
         return lambda _: reading.at(self._time_ms / 1000)
 
     def block(
@@ -465,7 +465,8 @@ class FittedBench(BenchBody):
         self._report = None
 
     def mount(self, up: tuple[float, float, float]) -> None:
-        """In a robot with motors, up is this direction in the hub's frame."""
+        """Mount the hub of a robot with motors such that up is this direction in the hub's
+        frame."""
         x, y, z = up
         # Adding 0.0 removes a -0.0, which would change the roll of a hub on end by 180 degrees.
         self._up = x + 0.0, y + 0.0, z + 0.0

@@ -21,7 +21,8 @@ from brickhub.virtual.stimuli import DEFAULT_STIMULI, Sensed
 _LOWEST_V = 3.0
 _HIGHEST_V = 9.0
 _MOST_SLIP = 0.95
-"""Less than 1, as the motor's angle is the wheel's by the share that is kept."""
+"""Largest slip. It is less than 1, because the motor's angle is that of the wheel divided by the
+share that is kept."""
 _REFUSALS = 2
 """Calls for which a hub stays out of reach after its link broke."""
 _NOTHING_SENSED: dict[Sense, Sensed] = {
@@ -257,7 +258,7 @@ def with_faults(body: Body, faults: Sequence[str]) -> Body:
 
 
 def sound_body(body: Body | None) -> Any:
-    """What is there to see of a robot: the body within a faulty one."""
+    """The body of a robot that can be seen: the one within a faulty one."""
     return body.sound if isinstance(body, FaultyBody) else body
 
 

@@ -21,7 +21,7 @@ _EXAMPLES = (
     "B=10,-5deg (pitch, roll), B=@file"
 )
 _CELLS = _EXAMPLES.replace("B=", "").removesuffix(", @file")
-"""What a table may have; none of it depends on what separates its columns."""
+"""Examples of cells in a table, none of which depends on what separates its columns."""
 _COMMAS = " (a comma separates columns here; write 2.5, or separate columns by ;)"
 _COUNTS_BY_UNIT: Mapping[str | None, tuple[int, ...]] = {None: (1, 2, 3), "deg": (1, 2)}
 """Numbers that may have a unit together; one of other units."""
@@ -60,8 +60,8 @@ class GivenReading:
         return self.values[max(0, index)]
 
     def sense_of(self, device: str) -> Sense:
-        """What a device of a class of ``pybricks.pupdevices`` senses by it. Raises TwinError if it
-        has no such sense, or if the values do not suit that."""
+        """Sense of a device of a class of ``pybricks.pupdevices`` that these values are for. Raises
+        TwinError if it has no such sense, or if the values do not suit that."""
         available = SensorKind(device).model.senses
         sense = self.sense
         # The first sense is the main one, such as the surface of a color sensor.
@@ -127,8 +127,8 @@ def parse_reading(text: str, folder: Path = Path()) -> GivenReading:
 
 
 def _hint_of(row: Row) -> str:
-    """What may be meant by several numbers in a table with such rows: most likely one with a
-    decimal comma, if commas separate the columns."""
+    """Hint for several numbers in a table with such rows: most likely one with a decimal comma is
+    meant, if commas separate the columns."""
     return _COMMAS if row.separator == "," else ""
 
 

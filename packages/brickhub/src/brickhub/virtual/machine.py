@@ -33,7 +33,7 @@ _AFTER_LOOP_TICKS = 10
 
 @dataclass(frozen=True)
 class FirmwareVersion:
-    """What distinguishes a version to a program.
+    """A version of the firmware, by what a program can notice.
 
     Attributes:
         version, build: what ``pybricks.version`` tells.

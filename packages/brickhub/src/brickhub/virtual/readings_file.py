@@ -9,7 +9,7 @@ from pathlib import Path
 from brickhub.errors import TwinError
 
 _SEPARATORS = "\t;,"
-"""Of columns; a line has the first that it contains anywhere in the table."""
+"""Separators of columns; a line has the first one that it contains anywhere in the table."""
 _EXAMPLE = "a line such as: 2.5, red"
 _REMEDY = "give a file with lines such as: 2.5, red"
 _EXAMPLES = {",": "2.5, red", ";": "2.5; red", "\t": "2.5, a tab, and red"}
@@ -23,7 +23,8 @@ pitch and a roll."""
 _TYPOGRAPHIC = str.maketrans(
     {"\N{NO-BREAK SPACE}": " ", "\N{NARROW NO-BREAK SPACE}": " ", "\N{MINUS SIGN}": "-"}
 )
-"""What spreadsheets of some languages write into numbers, and what a number is read with."""
+"""Characters that spreadsheets of some languages write into numbers, and those that a number is
+read with."""
 
 
 @dataclass(frozen=True)

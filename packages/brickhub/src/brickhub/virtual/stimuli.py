@@ -42,7 +42,7 @@ _EXPECTED = {
     2: "(pitch, roll)",
     3: "a brightness or (hue, saturation, value)",
 }
-"""What a stimulus of so many values is, in messages."""
+"""Descriptions, for messages, of a stimulus with this many values."""
 
 
 def number(sensed: Sensed) -> float:

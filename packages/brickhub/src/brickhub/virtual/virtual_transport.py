@@ -26,7 +26,7 @@ from brickhub.virtual.micropython.text import format_traceback
 from brickhub.virtual.pybricks import modules
 
 MAX_WRITE_BYTES = 20
-"""What a write without a larger MTU takes over Bluetooth."""
+"""Largest write over Bluetooth without a larger MTU."""
 _LONGEST_RUN_DOWN_MS = 1000
 _AT_REST_MDEG = 50
 """Change of an angle in `MAX_STEP_MS` that nobody sees: some 3 degrees a second."""
@@ -226,7 +226,7 @@ class VirtualHub:
 
     @property
     def is_realtime(self) -> bool:
-        """Whether it runs in real time."""
+        """Whether the hub runs in real time."""
         return self._pace is not None
 
     def open(self) -> None:
@@ -382,7 +382,7 @@ class VirtualHub:
         return min(time_ms, self.machine.time_ms + MAX_STEP_MS)
 
     def _come_to_rest(self) -> None:
-        """In real time: show how the motors run down after a stop."""
+        """Show how the motors run down after a stop, if the hub runs in real time."""
         if self._pace is None:
             return
         angles_before: list[int] = []
@@ -442,7 +442,8 @@ class VirtualHub:
             raise ProgramStoppedError("no program runs on the hub; start one")
 
     def _keep_pace(self) -> None:
-        """In real time: advance by the time that the host needed, or wait for it."""
+        """Advance by the time that the host needed, or wait for it, if the hub runs in real
+        time."""
         if self._pace is None:
             return
         wall_ms = self._pace.wall_ms()

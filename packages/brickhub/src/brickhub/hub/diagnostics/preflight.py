@@ -367,8 +367,8 @@ def check_angles(
 
 
 def check_distances(interface: Interface, values: Sequence[float]) -> Iterator[Finding]:
-    """What distance sensors measure, in the reading ``values [n_channels]``. One that sees nothing
-    may be dead."""
+    """Check the distances in the reading ``values [n_channels]``. A sensor that sees nothing may be
+    dead."""
     for channel, value in zip(interface.channels, values, strict=True):
         if isinstance(channel, Distance):
             doubt = ""
@@ -568,8 +568,7 @@ def _reversing(
     calibrated: Robot,
     names: Sequence[str],
 ) -> str:
-    """What to do about motors that turn the wrong way, in words that can be followed as they
-    are."""
+    """Advice for motors that turn the wrong way, in words that can be followed as they are."""
     # A motor that its calibration reverses and that now turns wrongly is right as described.
     reversed_already = []
     as_described = []

@@ -20,8 +20,8 @@ from brickhub.robot.spec import HUB_FLAT
 
 STALL_SPEED_DEG_S = 60
 STALL_TORQUE_MNM = 250
-"""More than a medium motor has: a raised arm needs all of it, and at this speed the stops are not
-damaged."""
+"""Torque at which a joint is turned to its stops. It is more than a medium motor has: a raised arm
+needs all of it, and at this speed the stops are not damaged."""
 STALL_LIMIT_MS = 10_000
 """Time after which a motor counts as free: a whole turn takes 6 s at this speed."""
 STALL_LIMIT_DEG = 400
@@ -136,7 +136,7 @@ def find_stops(transport: Transport, robot: Robot) -> dict[str, tuple[int, int] 
 
 @dataclass(frozen=True)
 class WheelTurn:
-    """What one wheel of a drive base did forward and, the other way round, back: the sum of both.
+    """Turn of one wheel of a drive base, forward and then back, as the sum of both.
 
     Attributes:
         motor: its name.

@@ -46,12 +46,12 @@ _WATCHDOG_ROUND_TRIPS = 4
 """Least watchdog in 99th percentiles of the link's round trips, so that a slow link does not stop
 the motors."""
 _WATCHDOG_MAX_MS = 0xFFFF
-"""Its frame carries an unsigned number of 16 bits."""
+"""Longest watchdog, because its frame carries an unsigned number of 16 bits."""
 _READS_PER_WAIT = 1000
 _CLOCK_TICK_S = 0.001
 """Tick of a virtual hub: a wait of less than half of it would not advance its clock."""
 _TRACEBACK_READS = 50
-"""Most reads for the rest of a traceback."""
+"""Largest number of reads for the rest of a traceback."""
 _TRACEBACK_PAUSE_S = 0.2
 """Silence after which a traceback is complete: it comes in notifications of 19 bytes."""
 
@@ -432,7 +432,7 @@ class HubLink(RobotLink):
         return frame.seq == self._seq
 
     def _adapt_watchdog(self) -> None:
-        """Before an exchange, set the watchdog by the measured round trips: at once if one took
+        """Set the watchdog by the measured round trips, before an exchange: at once if one took
         long, and from time to time."""
         delays_s = self.statistics.delays_s
         is_slow = False
@@ -503,8 +503,8 @@ class HubLink(RobotLink):
         )
 
     def _raise_program_error(self) -> None:
-        """After a failure, raise the error of a traceback or a BYE frame, which says more than the
-        transport's."""
+        """Raise the error of a traceback or a BYE frame, after a failure of the transport, whose
+        own error says less."""
         try:
             self._feed(self._transport.read(0.0))
         except HubProgramError:

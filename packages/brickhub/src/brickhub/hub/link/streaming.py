@@ -28,7 +28,7 @@ _SENDS_PER_WATCHDOG = 3
 _HALF_TICK_S = 0.0005
 """Half a tick of a simulated clock: shorter waits do not advance it."""
 _WAITS_PER_STEP = 100_000
-"""Most waits in a step, in case the transport's clock stands still."""
+"""Largest number of waits in a step, in case the transport's clock stands still."""
 
 
 class StreamingLink(HubLink):

@@ -490,7 +490,7 @@ def _start_moves(robot: Robot, interface: Interface) -> str:
 
 
 def _statements(channels: Sequence[Channel]) -> list[str]:
-    """What has to be read before the channels, each once."""
+    """Statements that read what the channels need, each once."""
     # A call that returns several numbers is made only once, so that they also belong together.
     statements = dict.fromkeys(channel.statement for channel in channels)
     return [f"    {statement}" for statement in statements if statement is not None]

@@ -45,7 +45,7 @@ def check_time_limit(time_limit_s: float | None) -> None:
 
 
 def time_limit_note(time_limit_s: float) -> str:
-    """What a person is told of a program that the time limit ended."""
+    """Note to a person about a program that the time limit ended."""
     return f"The program was stopped at the time limit of {time_limit_s:g} s.\n"
 
 
@@ -156,7 +156,7 @@ _READ_S = 0.25
 """Longest wait for output; then the time limit is looked at."""
 _LONGEST_READ_BYTES = 1024
 _READ_BESIDE_INPUT_S = 0.02
-"""The same with input, which waits for its turn meanwhile."""
+"""Time of a read while there is input, which waits for its turn meanwhile."""
 _TRACEBACK_HEAD = "Traceback (most recent call last):"
 _LOCATION = "  File "
 _STOPPED = re.compile(r"The program was stopped \(\w+\)\.")

@@ -83,8 +83,8 @@ class Output:
             raise self._end(self._reason)
 
     def read(self, timeout_s: float) -> bytes:
-        """All unread output, as soon as there is some; ``b""`` if none came in time. Raises
-        HubError if the program or the link has ended, and all was read."""
+        """Read all output that was not read yet, as soon as there is some; ``b""`` if none came in
+        time. Raises HubError if the program or the link has ended, and all was read."""
         with self._changed:
             self._changed.wait_for(lambda: self._data or self._end is not None, timeout_s)
             # Data from before the end is read first, because a traceback says why it ended.

@@ -245,7 +245,7 @@ class OnCompletion(enum.Enum):
 
 
 class ControlType(enum.Enum):
-    """What is controlled: the speed of a timed move, or the position."""
+    """Quantities that can be controlled: the speed of a timed move, or the position."""
 
     NONE = 0
     TIMED = 1

@@ -190,7 +190,7 @@ class DriveBaseControl:
 
     @property
     def is_open(self) -> bool:
-        """Whether its control loop runs: both motors are open and belong to it."""
+        """Whether the control loop runs: both motors are open and belong to this drive base."""
         left = self.left
         right = self.right
         owns_both = left.parent is self and right.parent is self

@@ -79,7 +79,7 @@ class Servo:
 
     @property
     def is_open(self) -> bool:
-        """Whether it takes commands. Its control loop runs, also after :meth:`close`, until
+        """Whether the motor takes commands. Its control loop goes on after :meth:`close`, until
         something first asks this."""
         self._is_updated = self._is_updated and self.is_taken
         return self._is_updated

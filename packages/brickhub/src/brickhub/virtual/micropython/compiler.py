@@ -33,7 +33,8 @@ _WITHOUT_DATA = 4
 """The last of the kinds that are a value by themselves, such as ``None``."""
 _KINDS_OF_NAMES = ("co_names", "co_varnames", "co_cellvars", "co_freevars")
 _MAX_DIGITS = 20
-"""More than any integer of 31 bits has, and few enough to be read at once."""
+"""Number of digits that is more than any integer of 31 bits has, and few enough to be read at
+once."""
 
 
 @dataclass
@@ -233,8 +234,8 @@ def compile_source(
 
 
 def _mangled(tree: ast.AST, source: str) -> re.Pattern[str] | None:
-    """What CPython makes of names such as ``__speed`` in the classes of a program; ``None`` if it
-    has none."""
+    """Pattern of the names that CPython makes of those such as ``__speed`` in the classes of a
+    program; ``None`` if it has none."""
     # CPython drops the underscores at the beginning of a class's name.
     classes: set[str] = set()
     for node in ast.walk(tree):

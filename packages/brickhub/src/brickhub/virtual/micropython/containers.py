@@ -89,7 +89,7 @@ def _text_hash(data: bytes) -> int:
 
 
 def _float_hash(value: float) -> int:
-    """Whole part; saturated to 32 bits, as ARM processors convert."""
+    """Hash of a float: its whole part, saturated to 32 bits, as ARM processors convert."""
     if math.isnan(value):
         return 0
     return int(max(-(2.0**31), min(2.0**31 - 1, value)))
@@ -238,7 +238,7 @@ class _Slotted:
         size: int,
         values: Iterable[Any],
     ) -> Self:
-        """With an initial number of slots."""
+        """Make a dict or set with an initial number of slots."""
         result: Any = cls()
         result._table = HashTable(size)
         result.update(values)

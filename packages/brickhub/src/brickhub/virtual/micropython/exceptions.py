@@ -43,7 +43,7 @@ ERROR_NAMES = {
     errno.ECANCELED: "ECANCELED",
 }
 CATCHABLE = (Exception, SystemExit, KeyboardInterrupt, GeneratorExit)
-"""What a program can catch: not what stops it from outside."""
+"""Errors that a program can catch, which do not include what stops it from outside."""
 # A hub names an operation by its method.
 _OPERATORS = {
     "+": "__add__",

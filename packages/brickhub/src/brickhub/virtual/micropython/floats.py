@@ -32,7 +32,7 @@ _ROUGH_POWERS = {
 }
 """Powers of five that a hub's ``powf`` does not round to the nearest float."""
 _FULL_MANTISSA = 0x19999998
-"""With another digit after this the digits may need more than 32 bits."""
+"""Largest mantissa that takes another digit: beyond it, the digits may need more than 32 bits."""
 _DECIMAL = re.compile(r"(\d*)(?:\.(\d*))?(?:e([+-]?\d+))?", re.IGNORECASE)
 _MAX_DIGITS = 9
 """Digits that tell any two floats of 32 bits apart."""

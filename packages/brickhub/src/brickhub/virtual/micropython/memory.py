@@ -208,7 +208,8 @@ def _slots(items: list[Any]) -> int:
 
 
 def most_nested_calls(hub: AnyHub) -> int:
-    """How many functions, and the program itself, can wait for each other on a kind of hub."""
+    """Number of functions, with the program itself, that can wait for each other on a kind of
+    hub."""
     free_bytes = hub.model.stack_bytes - _KEPT_BYTES
     return free_bytes // (hub.model.call_bytes + _VARIABLES_BYTES)
 

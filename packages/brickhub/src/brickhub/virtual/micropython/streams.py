@@ -128,7 +128,7 @@ def part_of(data: Any, *part: int) -> bytes:
 
 
 class Stream:
-    """What ``print`` can write to."""
+    """A stream to which ``print`` can write."""
 
 
 class IOBase:

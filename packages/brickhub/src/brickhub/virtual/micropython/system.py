@@ -45,7 +45,7 @@ _STDIN = 0
 _CTRL_C = 3
 _STACK_BYTES = 8 * 1024
 _ENDLESS_BYTES = 1 << 20
-"""More than anybody types."""
+"""Size of an endless read, which is more than anybody types."""
 _FOREVER_MS = 1000
 """Simulated time between two looks for input where there is no timeout."""
 

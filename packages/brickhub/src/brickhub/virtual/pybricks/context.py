@@ -275,4 +275,4 @@ class _Absent:
         instance: Any,
         value: Any,
     ) -> None:
-        """Without effect."""
+        """Do nothing, because the attribute cannot be set."""

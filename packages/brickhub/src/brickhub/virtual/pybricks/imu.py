@@ -17,7 +17,8 @@ from brickhub.virtual.pybricks.matrix import Matrix, vector
 from brickhub.virtual.pybricks.parameters import Axis, Side
 
 _DEG_PER_RAD = 57.296
-"""As rounded in the firmware, whose angles differ from the exact ones in the last digits."""
+"""Degrees of a radian, as rounded in the firmware, whose angles differ from the exact ones in the
+last digits."""
 _GRAVITY_MM_S2 = 9806.65
 _REST_MS = 1000
 """Duration of 833 samples of the gyroscope, all below the threshold."""

@@ -27,7 +27,7 @@ from brickhub.virtual.pybricks.pupsensors import Device
 from brickhub.virtual.pybricks.wireless import LWP3Device, XboxController
 
 _BITS_PER_BYTE = 10
-"""With start and stop bit."""
+"""Bits of a byte with its start and stop bit."""
 _WARNING = (
     b"Custom electronics may damage your LEGO hub. Proceed at your own risk.\r\n"
     b"Press Y to proceed. Press N to cancel.\r\n"

@@ -64,7 +64,8 @@ _FULL = (100, 100)
 _MAX_GRAY_SATURATION_PCT = 40
 _MAX_GRAY_VALUE_PCT = 1
 _OTHER_KIND_DISTANCE = 1000
-"""Above every distance between hues or values, so that a color of the same kind comes first."""
+"""Distance between colors of different kinds. It is above every distance between hues or values, so
+that a color of the same kind comes first."""
 _REMOTE_BUTTONS = "LEFT RIGHT CENTER LEFT_PLUS LEFT_MINUS RIGHT_PLUS RIGHT_MINUS"
 _BUTTONS = (
     f"{_REMOTE_BUTTONS} UP DOWN LEFT_UP LEFT_DOWN RIGHT_UP RIGHT_DOWN BEACON "

@@ -47,7 +47,7 @@ _XBOX_BUTTONS = (
     "lj",
     "rj",
 )
-"""By their bit in the controller's report; empty for bits without a button."""
+"""Buttons by their bit in the controller's report; empty for bits without a button."""
 _XBOX_EXTRAS = ("upload", "p1", "p2", "p3", "p4")
 _RUMBLE_MOTORS = 4
 _STICK_MAX = 2**15 - 1
@@ -153,7 +153,8 @@ class Wireless(Native):
     name = _unavailable("name")
 
     def _down(self) -> frozenset[str]:
-        """Names of the buttons that are down. Raises OSError, ENODEV, while it is not connected."""
+        """Names of the buttons that are down. Raises OSError, ENODEV, while the device is not
+        connected."""
         if not self._is_connected:
             raise os_error(errno.ENODEV)
         return self._machine.panel.pressed_on(self._kind, self._machine.time_ms)
