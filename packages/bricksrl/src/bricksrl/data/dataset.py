@@ -332,7 +332,7 @@ class Dataset:
         rows: Sequence[EpisodeRow],
         row_file: int,
     ) -> Cells:
-        """What the episodes are, and in which files they stand."""
+        """Columns with the episodes' numbers and lengths, and the files in which they stand."""
         key = self.description.image_key
         cells: Cells = {}
         for name, (column, type_) in _columns(key).items():
@@ -388,7 +388,7 @@ class Dataset:
 
 
 def _provenance_cells(rows: Sequence[EpisodeRow]) -> Cells:
-    """Where the episodes come from, in columns that LeRobot does not have and lets be."""
+    """Columns with the origin of the episodes, which LeRobot does not have and lets be."""
     cells: Cells = {}
     for name, type_ in _ABOUT.items():
         cells[name] = [getattr(row.about, name) for row in rows], type_

@@ -220,7 +220,7 @@ def import_paper(
 
 
 def _policy_of(folder: Path) -> str:
-    """Which policy the paper recorded with, as its folders are named after it."""
+    """Policy that the paper recorded with, after which its folders are named."""
     for policy in ("expert", "random"):
         if policy in folder.name:
             return policy

@@ -301,7 +301,7 @@ class HubEnv(RobotEnv, EnvBase):  # type: ignore[misc]
 
 
 def outside_text(entry: Entry, value: float) -> str:
-    """What is said about a value outside of its entry's range."""
+    """Message about a value outside of its entry's range."""
     low, high = entry.bounds
     return f"{entry.name} is {value:g}, outside of {low:g} to {high:g} {entry.unit}".rstrip()
 
@@ -326,8 +326,8 @@ def _single(
     name: str,
     value: Any,
 ) -> torch.Tensor:
-    """What a function of a task returns for one observation. Raises DescriptionError unless it is a
-    tensor with one number."""
+    """The number that a function of a task returns for one observation. Raises DescriptionError
+    unless it is a tensor with one number."""
     if not isinstance(value, torch.Tensor) or value.numel() != 1:
         given = f"of shape {list(value.shape)}" if isinstance(value, torch.Tensor) else repr(value)
         raise DescriptionError(

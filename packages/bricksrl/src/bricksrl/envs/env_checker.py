@@ -24,9 +24,9 @@ _SEED = 7
 _EPISODES = 3
 """Episodes of random actions whose values are looked at."""
 _LONG = 10
-"""Their longest, in steps: a check is to take seconds."""
+"""Longest of these episodes, in steps, because a check is to take seconds."""
 _MOST_SHOWN = 160
-"""Most characters that are shown of what a library says."""
+"""Largest number of characters that are shown of a library's message."""
 
 
 class Broken(Exception):
@@ -286,7 +286,7 @@ def _twin(env_id: str) -> str:
 
 
 def _values(env_id: str, task: Task) -> str:
-    """What random actions change in some episodes: entries, rewards, and the robot by each
+    """Values that random actions change in some episodes: entries, rewards, and the robot by each
     action."""
     observed = []
     rewards = []

@@ -39,7 +39,7 @@ _log = logging.getLogger(__name__)
 Calibration = Callable[[Robot], Robot]
 
 COPIES_PER_CORE = 8
-"""Most processes of virtual robots; more than one a core only share it."""
+"""Largest number of processes of virtual robots for each core; more only share it."""
 
 _OMIT_BATCH = "omit batch_size, device and kinematics"
 

@@ -231,7 +231,7 @@ def _unknown_option(
     spec: Registration,
     option: str,
 ) -> str:
-    """What is said about an option that an environment does not have: what it has instead."""
+    """Message about an option that an environment does not have, with those that it has."""
     of_task = list(inspect.signature(spec.build).parameters)
     if spec.kinematics is None:
         all_options = [field.name for field in fields(EnvOptions) if field.name != "options"]
@@ -249,8 +249,8 @@ def _unknown_option(
 
 
 def registration(env_id: str) -> Registration:
-    """What is registered under an id, or made of a user's task. Raises UnknownNameError if there is
-    no such environment."""
+    """Registration of an id, or one that is made of a user's task. Raises UnknownNameError if there
+    is no such environment."""
     check_value("env_id", env_id, str)
     if is_reference(env_id):
         return Registration(_user_builder(env_id))

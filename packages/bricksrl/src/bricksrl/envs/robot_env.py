@@ -201,7 +201,8 @@ class RobotEnv(BricksEnv):
         return episode
 
     def _zeros(self, reading: Reading) -> list[float]:
-        """What is subtracted from each observed channel: an accumulating one starts at 0."""
+        """Numbers that are subtracted from the observed channels, because an accumulating one
+        starts at 0."""
         zeros = []
         for index in self._observed:
             accumulates = self.task.interface.channels[index].accumulates

@@ -272,8 +272,8 @@ EPISODE_KEYS = (
     "time_policy",
     "time_reset",
 )
-"""What is noted of the course of an episode, by us and by TorchRL's transforms; no agent reads it,
-nor what begins with "_"."""
+"""Keys about the course of an episode, from us and from TorchRL's transforms. No agent reads them,
+nor any that begins with "_"."""
 
 
 def transform_failure(error: Exception) -> DescriptionError:
@@ -477,4 +477,4 @@ class SpecsEnv(BricksEnv, EnvBase):  # type: ignore[misc]
         return self._reset(tensordict)
 
     def _set_seed(self, _seed: int | None) -> None:
-        """Do nothing: there is nothing random."""
+        """Do nothing, because nothing is random."""

@@ -37,7 +37,7 @@ BUDGET_S = 15.0
 _FPS = 25
 """Images a second."""
 _LAST_S = 0.8
-"""How long the last image of an episode is shown, so that its numbers can be read."""
+"""Time for which the last image of an episode is shown, so that its numbers can be read."""
 _HOLDS = (1, 2, 3, 4)
 """Numbers of images of the film that one drawn image may stand for."""
 _NORMAL_SPEED_S = 12.0

@@ -17,7 +17,7 @@ from bricksrl.training.trust import require_trusted
 
 S = TypeVar("S")
 SETTINGS_REMEDY = 'write settings as JSON, {"learning_rate": 3e-4}'
-"""What to do where a file of settings cannot be read."""
+"""Remedy for a file of settings that cannot be read."""
 _WORDS = {"true": True, "yes": True, "false": False, "no": False, "none": None}
 
 

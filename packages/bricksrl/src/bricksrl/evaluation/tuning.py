@@ -104,8 +104,8 @@ class Best:
 
 
 OnTrial = Callable[[int, float | None, float | None], None]
-"""Called with a trial's number, its value (``None`` if it was pruned), and the best value so
-far."""
+"""A function that is called with a trial's number, its value (``None`` if it was pruned), and the
+best value so far."""
 
 
 def propose(

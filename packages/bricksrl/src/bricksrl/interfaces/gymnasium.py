@@ -479,8 +479,8 @@ def _refuse_max_steps(named: dict[str, Any]) -> None:
 
 
 def _longer(steps: int | None, registered: int | None) -> str:
-    """What to do where an option makes episodes longer than Gymnasium lets them be; empty where it
-    does not."""
+    """Remedy for an option that makes episodes longer than Gymnasium lets them be; empty if it does
+    not."""
     if steps is None or registered is None or steps <= registered:
         return ""
     return (

@@ -149,7 +149,7 @@ class ArenaParallelEnv(ParallelEnv):  # type: ignore[misc]
         return observations, rewards, terminated, truncated, infos
 
     def state(self) -> Array:
-        """What all robots observe, in the order of `possible_agents`, for critics that see
+        """Observations of all robots, in the order of `possible_agents`, for critics that see
         everything. Raises RunError before the first episode."""
         if self._state is None:
             raise RunError(

@@ -222,7 +222,7 @@ def _are_ambiguous(hubs: tuple[str, ...]) -> bool:
 
 @dataclass(frozen=True)
 class _CommonSettings(CriticSettings, TargetSettings, OffPolicySettings):
-    """What a user's agent may have too: its texts are known to name code, or not."""
+    """Settings that a user's agent may have too. Which of their texts name code is known."""
 
 
 MAX_NAME = 40

@@ -88,7 +88,7 @@ class Loop:
         self.source = self._make_source()
 
     def _make_source(self) -> Source:
-        """Where the steps come from: robots of a fleet, copies, or one robot."""
+        """Source of the steps: robots of a fleet, copies, or one robot."""
         make: type[FleetRobots | Copies | OneRobot]
         if isinstance(base_of(self.env), Fleet):
             make = FleetRobots

@@ -31,15 +31,14 @@ DATA_FOLDER = "data"
 
 
 class Origin(NamedTuple):
-    """What a run was about: its environment and the options of its first robot, its agent and
-    seed."""
+    """Origin of a run: its environment and the options of its first robot, its agent and seed."""
 
     env: str
     options: EnvOptions
     agent: str
     seed: int
     is_offline: bool
-    """Whether it learned from data alone."""
+    """Whether the run learned from data alone."""
 
 
 class RunFolder:
@@ -122,7 +121,7 @@ class RunFolder:
         return TrainConfig.from_dict(config, run_dir=self.path)
 
     def origin(self) -> Origin:
-        """What the run was about. Raises the errors of `read_config`."""
+        """Origin of the run. Raises the errors of `read_config`."""
         config = self.read_config()
         return Origin(
             config.env,

@@ -115,7 +115,7 @@ class Source(ABC):
         self._begun = self._begin()
 
     def events(self) -> Iterator[Moved | Ended | None]:
-        """What happens, episode by episode; ``None`` from time to time if nothing does."""
+        """Events, episode by episode; ``None`` from time to time if nothing happens."""
         # The first episode may already have begun in `start`.
         begun = self._begun or self._begin()
         while begun is not None:

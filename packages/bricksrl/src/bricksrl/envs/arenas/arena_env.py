@@ -174,8 +174,8 @@ class GroupedEnv(BricksEnv, EnvBase):  # type: ignore[misc]
         value: Any,
         *shape: int,
     ) -> Tensor:
-        """What a function of the task returns: flags ``[*batch, 1]``, or numbers of each robot
-        ``[*batch, robots, n]``."""
+        """The checked result of a function of the task: flags ``[*batch, 1]``, or numbers of each
+        robot ``[*batch, robots, n]``."""
         dtype = torch.bool if len(shape) == 1 else torch.float32
         shape = (*self.batch_size, *shape)
         given = f"{value!r:.40}"

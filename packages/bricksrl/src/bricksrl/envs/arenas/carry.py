@@ -64,7 +64,8 @@ _TRAVEL_DEG = 120.0
 _BEAM = 2
 _ARRIVAL_REWARD = 5.0
 _FARTHEST_M = 5.0
-"""More than a robot drives in an episode: 60 times 120 degrees, with wheels of 56 mm, are 3.5 m."""
+"""Distance that no robot drives in an episode: 60 times 120 degrees, with wheels of 56 mm, are 3.5
+m."""
 _APART_M = (-2.0 * _FARTHEST_M, 2.0 * _FARTHEST_M)
 
 _PLACE_M = (-_FARTHEST_M, _FARTHEST_M)
@@ -116,7 +117,7 @@ def observe(state: ArenaState) -> Tensor:
 
 
 def _view(state: ArenaState, robot: int) -> Tensor:
-    """What a robot observes, ``[*batch, 12]``."""
+    """Observation of a robot, ``[*batch, 12]``."""
     poses = state.poses
     mate = seen_from(poses, robot, 1 - robot)
     parts = (

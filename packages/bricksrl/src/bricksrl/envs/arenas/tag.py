@@ -73,7 +73,7 @@ _CATCH_REWARD = 5.0
 _REWARD_PER_M = 10.0
 
 _FARTHEST_M = 2.3
-"""More than the diagonal between the walls."""
+"""Distance that is larger than the diagonal between the walls."""
 
 ENTRIES = (
     Entry("x", -HALF_M, HALF_M, "m"),
@@ -119,7 +119,7 @@ def _view(
     robot: int,
     other: int,
 ) -> Tensor:
-    """What a robot observes, ``[*batch, 10]``."""
+    """Observation of a robot, ``[*batch, 10]``."""
     parts = (
         own_pose(state.poses, robot),
         seen_from(state.poses, robot, other),

@@ -267,7 +267,7 @@ Reader = TwinReader | ThreadReader
 
 
 def reader_of(sensor: HostSensor, world: World | None) -> Reader:
-    """What reads a sensor, beside a virtual robot if there is a world."""
+    """The reader of a sensor, beside a virtual robot if there is a world."""
     if sensor.twin is None or world is None:
         return ThreadReader(sensor)
     return TwinReader(sensor, sensor.twin, world)

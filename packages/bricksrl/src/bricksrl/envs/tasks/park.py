@@ -76,7 +76,7 @@ _NEAR_MM = 25.0
 """Distance at which a detour counts half; nearer, it hardly counts."""
 _GAIN = 5.0
 _TIME_COST = 0.6
-"""Of each step."""
+"""Cost of each step."""
 _BAY = (220.0, 200.0)
 """Length and width in mm."""
 # The entries of the target are the last ones of an observation, so they are counted from its end.

@@ -66,7 +66,7 @@ class Member:
 
     @property
     def is_out(self) -> bool:
-        """Whether it does not answer."""
+        """Whether the robot does not answer."""
         return self.state in (RobotState.LEFT, RobotState.GIVEN_UP)
 
 

@@ -58,7 +58,7 @@ class FleetRobots(Source):
         self._send_weights()
 
     def events(self) -> Iterator[Moved | Ended | None]:
-        """What the robots report, in the order of its arrival. Raises HubError if all robots were
+        """Reports of the robots, in the order of their arrival. Raises HubError if all robots were
         out of reach for too long, RunError if a robot failed for good, or all were given up."""
         self._start()
         while True:

@@ -29,7 +29,7 @@ TeamAgent = Literal["mappo", "ippo", "sac"]
 _PPO_BATCH = 4096
 """Transitions of an update of MAPPO and IPPO, unless the settings say other."""
 _SAC_BATCH = 256
-"""The same of independent SAC."""
+"""Batch size of independent SAC."""
 _LEAST_SCALE = 0.05
 """Least scale of MAPPO's and IPPO's actions, so that no group stops exploring."""
 
