@@ -226,7 +226,7 @@ def _converted(value: Any, hint: Any) -> Any:
     cls = typing.get_origin(hint) or hint
     parts = typing.get_args(hint)
     if cls in _UNIONS:
-        # Alternatives are tried in the order in which the annotation names them.
+        # Several alternatives may fit, so the first one counts, in the order of the annotation.
         for part in parts:
             converted = _converted(value, part)
             if _matches(converted, hint):
@@ -234,7 +234,8 @@ def _converted(value: Any, hint: Any) -> Any:
         return value
     if cls is tuple and isinstance(value, list):
         return _tuple_of(value, parts)
-    # `--option name=7` arrives as a number and `true` as a truth value, although text was wanted.
+    # A command line reads `--option name=7` as a number, and `true` as a truth value, although a
+    # text is wanted here.
     if cls is str and isinstance(value, int):
         return json.dumps(value)
     if isinstance(value, str) and isinstance(cls, type):

@@ -43,7 +43,7 @@ def parsed(
     def value(words: Any) -> Any:
         return read(words[0]) if collect is None else collect(map(read, words))
 
-    # This is what tyro's UseAppendAction does.
+    # This is what tyro's UseAppendAction sets, so that an option may be repeated.
     action: Any = {} if collect is None else {"_action": "append"}
     return PrimitiveConstructorSpec(
         1,

@@ -189,7 +189,7 @@ def _objects_of(module: ModuleType, kind: type) -> dict[str, Any]:
     walked: set[int] = set()
     for name, value in contents.items():
         for place, item in _items_within(name, value, walked):
-            # An object with a name of its own is called by that name.
+            # A name of its own tells more than a place in a list, so it is looked for first.
             if isinstance(item, kind) and id(item) not in found:
                 found[id(item)] = (place, item)
     return dict(found.values())

@@ -35,6 +35,6 @@ def plain_number(value: float, digits: int = 4) -> str:
     decimals = max(0, digits - 1 - leading)
     text = f"{value:.{decimals}f}"
     if "." not in text:
-        # The zeros of 1200 are digits of the number and stay.
+        # Only zeros behind the point go, because those of 1200 are digits of the number.
         return text
     return text.rstrip("0").rstrip(".")

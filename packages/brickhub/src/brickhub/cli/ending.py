@@ -95,7 +95,7 @@ def ended_in_time() -> Iterator[End]:
         signal.set_wakeup_fd(wakeup_before)
         for number, handler in handlers.items():
             signal.signal(number, handler)
-        # The watcher reads the end of this stream, and ends.
+        # Closing this end lets the watcher read its end, and stop.
         tell.close()
 
 

@@ -281,7 +281,7 @@ class Check(SavesNothing):
         def was_right(move: str) -> bool | None:
             return ask(f"{move}: was it this motor, and in the right direction?")
 
-        # With --yes nobody is there who could look at the robot.
+        # With --yes nobody may be there to look at the robot, so nobody is asked.
         is_right = None if self.yes else was_right
         if target.robot.hub.model.runs_programs:
             transport = _transport(

@@ -154,7 +154,6 @@ def _byte_of_thread(handle: int) -> bytes:
         try:
             read.put(os.read(handle, 1))
         except OSError:
-            # The stream was closed, which ends the input.
             read.put(b"")
 
     # The thread may wait for ever, and as a daemon it does not keep the process from ending.

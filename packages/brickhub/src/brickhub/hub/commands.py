@@ -324,8 +324,8 @@ class _DriveBaseCommand(Command):
     ) -> tuple[float, ...]:
         """Angle that each wheel turns by; for an endless move, in one second."""
         base = drive_base(robot, self.name)
-        # On the spot, each wheel rolls along a circle whose diameter is the axle track. Clockwise,
-        # the left wheel goes forward.
+        # A turn on the spot rolls each wheel along a circle whose diameter is the axle track, the
+        # left one forward if it is clockwise.
         if self.is_turn:
             turn_deg = amount * base.axle_track_mm / base.wheel_diameter_mm
             return turn_deg, -turn_deg

@@ -472,7 +472,7 @@ class SensorReading(Channel):
 
     @property
     def wraps(self) -> bool:
-        # A hue has this range, for example.
+        # Only angles have this range and unit, for example a hue, so the number wraps.
         return (self.low, self.high, self.unit) == (0.0, 360.0, "deg")
 
     def check(self, robot: Robot) -> None:

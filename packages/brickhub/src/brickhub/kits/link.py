@@ -191,7 +191,7 @@ class KitLink(RobotLink):
             StoppedError: an emergency stop came before or meanwhile.
         """
         self._require_open()
-        # A world in real time catches up with the time that the caller took.
+        # Sleeping for no time lets a world in real time catch up with what the caller took.
         self._radio.sleep(0.0)
         started_s = self.now_s()
         amounts = self._amounts(list(values))
@@ -410,7 +410,7 @@ class KitLink(RobotLink):
             read = _VALUES[type(channel)]
             values.append(float(read(self, channel)))
         now_s = self.now_s()
-        # A reading is as old as the oldest of the reports that it is made of.
+        # A reading is only as fresh as the oldest of the reports that it is made of.
         age_s = max(self._age_s(device) for device in self.devices.values())
         round_trip_s = now_s - started_s
         self.statistics.record(round_trip_s, age_s)
@@ -469,7 +469,8 @@ def _driven(
     command: kinds.DriveSpeed | kinds.DriveTurnRate,
     rate: float,
 ) -> dict[str, Move]:
-    # The turn of the wheels for a distance or an angle is, for a rate, their speed.
+    # A rate has no turn of its own, but what the wheels turn for a distance or an angle is, for a
+    # rate, their speed.
     names = command.motors(robot)
     speeds_deg_s = command.wheel_turns_deg(robot, rate)
     return {name: (speed, None) for name, speed in zip(names, speeds_deg_s, strict=True)}

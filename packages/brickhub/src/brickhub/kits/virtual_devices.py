@@ -34,16 +34,13 @@ _ACCELERATION_DEG_S2_PER_PCT = 100
 _FULL_LEVER_DEG = 45
 """Angle of a lever at 100 %; an estimate."""
 
-# Commands name the motors of a Double Motor by these bits.
 _LEFT = 1
 _RIGHT = 2
 
-# Commands that move both motors know these directions; 3 is to the right.
 _FORWARD = 0
 _BACKWARD = 1
 _TO_LEFT = 2
 
-# A single motor knows these directions; 0 is clockwise and 3 the longest way.
 _COUNTERCLOCKWISE = 1
 _SHORTEST = 2
 
@@ -61,7 +58,6 @@ _LONGEST_TIMED_MS = 20_000
 """Longest move for a time that the firmware plans as one; a longer one is endless, and stopped when
 its time is over."""
 
-# These are the battery's voltages at 100 % and at 0 % of charge.
 _FULL_MV = 8300
 _EMPTY_MV = 6000
 
@@ -298,7 +294,7 @@ class SingleMotor(KitDevice):
     def _motor_report(self, bit: int) -> tuple[int, ...]:
         servo = self._servos[bit]
         voltage_mv = servo.voltage_mv or 0
-        # The message has the power in 0.01 %.
+        # LEGO's message has the power in 0.01 %.
         power = trunc(voltage_mv * 10_000 / self._machine.body.battery_mv)
         angle_mdeg = self._machine.body.angle_mdeg(servo.port)
         absolute_deg = angle_mdeg % 360_000 // 1000
@@ -466,7 +462,7 @@ class SingleMotor(KitDevice):
         self._set(message, lambda servo: servo.reset_angle(position_deg))
 
     def _set_duty(self, message: protocol.Message) -> None:
-        # The message has the duty in 0.01 %.
+        # LEGO's message has the duty in 0.01 %, but a servo takes percent.
         duty_pct = trunc(message.values["duty"] / 100)
         self._set(message, lambda servo: servo.dc(duty_pct))
 
@@ -616,7 +612,7 @@ class DoubleMotor(SingleMotor):
     def _shares(self, message: protocol.Message) -> dict[int, float]:
         """Shares of the speed for a direction; the left motor is mounted the other way round."""
         # At a steering of 100 % the robot turns on the spot, at 50 % around its inner wheel, and at
-        # 0 % it drives straight.
+        # 0 % it drives straight, so the inner wheel's share falls with it.
         inner = 1.0 - self._steering_pct / 50
         direction = message.values["direction"]
         if direction == _FORWARD:

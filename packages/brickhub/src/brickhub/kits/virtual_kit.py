@@ -106,7 +106,8 @@ class Peer:
             self._notify = None
             if self._kit.in_reach():
                 self.device.disconnect()
-        # This function of the package is called outside of the lock, and once for each connection.
+        # The package's function is called outside of the lock, because nobody knows what it needs,
+        # and only once for each connection.
         if notify is not None:
             self._gone()
 
@@ -133,7 +134,7 @@ class Peer:
                 device.receive(packet)
         if device.is_connected:
             device.update()
-        # All messages of a device go in one connection event, with one random delay.
+        # All messages of a device share one connection event, and so one random delay.
         if device.outbox and not is_lost:
             due_ms = self._radio.to_computer_ms(now_ms, self._kit.link)
             for packet in device.outbox:
@@ -345,7 +346,7 @@ class VirtualKit:
                 await notify(None, packet)
             for _ in range(_TURNS):
                 await asyncio.sleep(0)
-            # This task is one of those counted.
+            # This task itself is one of those counted, so it is taken off.
             return len(before & asyncio.all_tasks()) - 1
 
         return asyncio.run_coroutine_threadsafe(deliver(), self.loop).result()

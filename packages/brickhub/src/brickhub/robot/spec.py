@@ -357,7 +357,8 @@ class Robot:
                     "the robot once"
                 )
         for pair in self.mirrored:
-            # These properties have to be equal for both devices of a pair.
+            # Devices of a pair take each other's place in a mirror, so kind and gears of both have
+            # to be equal.
             sorts: set[tuple[MotorKind | SensorKind, tuple[int, ...]]] = set()
             for motor in self.motors:
                 if motor.name in pair:

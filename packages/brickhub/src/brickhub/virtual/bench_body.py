@@ -20,7 +20,6 @@ from brickhub.virtual.stimuli import DEFAULT_STIMULI, Reading, Sensed, number
 
 _FRICTION_UNM = 21413.268
 _FRICTION_LINEAR_BELOW_MDEG_S = 2000.0
-# Stiffness and damping of an end stop.
 _STOP_UNM_PER_MDEG = 500.0
 _STOP_UNM_PER_MDEG_S = 5.0
 _MAX_DUTY = 1000
@@ -124,8 +123,8 @@ class BenchBody:
         self.link = PROFILES[DEFAULT_LINK]
         self._readings = _readings_by_sense(robot, readings)
         self._kinds = {sensor.port: sensor.kind for sensor in robot.sensors}
-        # Each motor has a name, a port, and a number of mdeg at its shaft for a degree of its
-        # output.
+        # Angles are given at the output but bodies turn shafts, so each motor has its number of
+        # mdeg for a degree.
         self._outputs = [
             (motor.name, motor.port, 1000.0 * motor.shaft_turns) for motor in robot.motors
         ]
@@ -504,6 +503,7 @@ class FittedBench(BenchBody):
         return self._devices.get(port)
 
     def _about_vertical(self, clockwise: float) -> tuple[float, float, float]:
-        # A counterclockwise rotation has a vector that points along its axis.
+        # A rotation vector points along its axis if the rotation is counterclockwise, but headings
+        # count clockwise.
         x, y, z = self._up
         return -clockwise * x, -clockwise * y, -clockwise * z

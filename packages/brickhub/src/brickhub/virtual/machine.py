@@ -166,7 +166,8 @@ class Machine:
         # The calls of the program are counted since it last waited.
         self._calls = 0
         self._products = 0
-        # This tells whether the body is 1 ms ahead of the program.
+        # The body may be 1 ms ahead of the program, as after a stop in between; this tells whether
+        # it is.
         self._is_ahead = False
         self._is_stopping = False
 
@@ -294,7 +295,7 @@ class Machine:
         # The innermost loops of programs come through here, so there are plain attributes and no
         # calls.
         if not (self._is_ahead or self._is_stopping):
-            # The old millisecond goes on for the program.
+            # The program has not resumed yet, so the old millisecond goes on for it.
             time_ms = self.time_ms
             time_ticks = self.time_ticks
             self._run_to(time_ms + 1)

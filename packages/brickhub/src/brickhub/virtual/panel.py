@@ -205,7 +205,7 @@ class Panel:
     def press(self, press: Press) -> None:
         """Schedule a press."""
         self._check(press.button)
-        # Pressing a button of a wireless device means that the device is there.
+        # A wireless device whose button is pressed must be there.
         device = press.button.partition(".")[0]
         self.near |= {device} & WIRELESS
         start_ms = round(press.start_s * 1000)

@@ -352,7 +352,8 @@ class VirtualHub:
             self.machine.alarm_ms = None
             self.machine.advance(max(0, time_ms - self.machine.time_ms))
             return
-        # The program comes back to whoever runs it now, at the alarm or at its end.
+        # The alarm and the end of the program switch back to its parent, which is whoever runs it
+        # now.
         self._host = getcurrent()
         try:
             program.parent = self._host

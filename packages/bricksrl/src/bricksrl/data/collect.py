@@ -77,7 +77,7 @@ def collect(
     ours = interface_of(env)
     first = len(recorder.rows)
     complete = 0
-    # This counts the links that were lost in a row.
+    # The number of links that were lost in a row changes the seed of the next try.
     lost = 0
     while complete < episodes:
         number = len(recorder.rows)
@@ -99,7 +99,8 @@ def collect(
                 driver=driver,
                 reset_policy=reset_policy,
             ):
-                # A repeated action (`--frame-skip`) is several steps of the robot.
+                # A repeated action (`--frame-skip`) is several steps of the robot, and all of them
+                # are recorded.
                 for step in episode.add(frame, env):
                     steps.append(step_of(step, env))
                     on_frame(step)

@@ -448,7 +448,7 @@ def read_dataset(path: Path | str) -> Dataset:
     description = read_description(root)
     episodes = read_episode_count(root, description)
     dataset = read_all_rows(root, description)
-    # Later rows belong to an unfinished commit of a killed writer.
+    # Rows beyond the index belong to an unfinished commit of a killed writer, and do not count.
     dataset = replace(dataset, rows=dataset.rows[:episodes])
     dataset.check_order(episodes)
     return dataset

@@ -366,7 +366,8 @@ def read_tensors(folder: Path) -> Arrays:
         tensors = dict(json.loads(meta.read_bytes()))
     arrays = {}
     for name, entry in tensors.items():
-        # Beside tensors, the file has facts about itself, such as the shape of the batch.
+        # Beside tensors the file has facts about itself, such as the shape of the batch, which are
+        # no data.
         if isinstance(entry, dict) and {"dtype", "shape"} <= entry.keys():
             arrays[name] = _read_tensor(folder, name, entry)
     return arrays

@@ -263,7 +263,8 @@ def _read_file(path: Path, info: dict[str, Any]) -> dict[str, NDArray[Any]]:
             raise DataError(f"{path} has not one column {name}; restore it from a copy")
         column = table[name].combine_chunks()
         length = info["features"][name]["shape"][0] if name in (OBSERVATION, ACTION) else 1
-        # The kind of list depends on the version of LeRobot that wrote it.
+        # LeRobot has written different kinds of lists in different versions, and all of them are
+        # read.
         lists = (pa.types.is_list, pa.types.is_fixed_size_list, pa.types.is_large_list)
         is_list = any(is_kind(column.type) for is_kind in lists)
         flat = column.flatten() if is_list else column

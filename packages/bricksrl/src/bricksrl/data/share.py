@@ -59,7 +59,7 @@ def push_dataset(
         licence=licence,
     )
     with _pushed(repo, f"{card}{_about_columns(summary)}", private) as api:
-        # Hidden files are locks, and what a killed writer has left.
+        # Hidden files are locks and remnants of killed writers, which nobody should get.
         api.upload_folder(
             repo_id=repo,
             repo_type="dataset",

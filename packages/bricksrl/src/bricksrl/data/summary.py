@@ -123,7 +123,7 @@ def plot(path: Path | str, out: Path | str) -> None:
     for channel, values in zip(description.action, columns[ACTION].T, strict=True):
         panels.append((f"action: {channel.name}", values))
     panels.append(("reward", columns["next.reward"]))
-    # The returns take two more panels.
+    # The number of panels includes two for the returns.
     rows = math.ceil((len(panels) + 2) / _COLUMNS)
     figure = new_figure(4.0 * _COLUMNS, 2.6 * rows)
     axes = figure.subplots(rows, _COLUMNS, squeeze=False).flatten()

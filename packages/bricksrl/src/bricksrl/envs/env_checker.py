@@ -265,8 +265,8 @@ def _twin(env_id: str) -> str:
             raise Skip("it is simulated without a robot")
         state = env.reset()
         started_s = twin.now_s()
-        # Both ends, the middle, and one value twice: with these, every kind of command shows some
-        # change.
+        # The values are both ends, the middle, and one value twice, so that every kind of command
+        # shows some change.
         before = state["observation"]
         changed = torch.zeros_like(before, dtype=torch.bool)
         for value in (1.0, 0.0, -1.0, 0.5, 0.5):

@@ -62,7 +62,7 @@ class FloorPose:
     ) -> FloorPose:
         """The pose after driving an arc of length ``way_mm`` that turns the robot by ``turn_deg``
         clockwise."""
-        # An arc's chord points to the middle of the headings at its ends.
+        # An arc ends where its chord does, which points to the middle of the headings at its ends.
         heading = math.radians(self.heading_deg + turn_deg / 2)
         chord_mm = way_mm
         if turn_deg:

@@ -93,7 +93,7 @@ class EnvOptions(TransformOptions):
             if isinstance(value, np.generic):
                 object.__setattr__(self, name, value.item())
         file: object = self.physics
-        # A text is as good as a path.
+        # Programs may give a path as a text.
         if isinstance(file, str):
             object.__setattr__(self, "physics", Path(file))
         faults: object = self.fault
@@ -106,13 +106,13 @@ class EnvOptions(TransformOptions):
             )
         check_fields(type(self), vars(self))
         for text in self.fault:
-            # This raises for an unknown kind of fault.
+            # An unknown kind of fault is refused now, and not when the robot is made.
             parse_fault(text)
         if self.link is not None:
-            # This raises for an unknown name.
+            # An unknown name is refused now, and not when the robot is made.
             profile(self.link)
         if self.transform is not None:
-            # An absolute path works in any folder.
+            # An absolute path keeps its meaning in any folder.
             object.__setattr__(self, "transform", with_absolute_file(self.transform))
         if self.randomize and self.physics is not None:
             raise DescriptionError(
@@ -129,7 +129,7 @@ class EnvOptions(TransformOptions):
                 values[name] = value
             else:
                 options[name] = value
-        # Options that are given as a whole replace these.
+        # A caller that gives `options` as a whole means to replace these.
         return replace(self, **{"options": options, **values})
 
     def refuse(

@@ -41,7 +41,8 @@ class OwnEnv(HubEnv):
         action: torch.Tensor,
     ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
         commands = self._commanded(episode, action.tolist())
-        # The paper's template takes and returns batches of one.
+        # The paper's template takes and returns batches of one, so a dimension is added and
+        # removed.
         before = TensorDict(
             {
                 self._own.observation_key: episode.observation[None],

@@ -75,7 +75,7 @@ class RobotEnv(BricksEnv):
         self._changed = threading.Condition()
         self._is_stopped = False
         self._is_paused = False
-        # This tells whether the motors of a real robot are known to stand still.
+        # A stop is only confirmed once the motors of a real robot are known to stand still.
         self._is_confirmed = False
         self._set_seed(seed)
 
@@ -159,7 +159,8 @@ class RobotEnv(BricksEnv):
         true_pose = self._connected().true_pose
         task = self.task
         measured_s = link.now_s() - reading.age_s
-        # Seeded runs rely on this order of draws: entries, target, camera.
+        # The order of the draws (entries, target, camera) must not change, because seeded runs rely
+        # on it.
         drawn = [entry.draw(self._host_rng) for entry in task.sampled_entries]
         tracker = None
         if task.target is not None:
@@ -327,7 +328,8 @@ class RobotEnv(BricksEnv):
                 watcher(self._connection)
             twin = self._connection.twin
             if twin is not None:
-                # Such a link breaks by a fault of the robot, or where a test takes it out of reach.
+                # The twin may break its link by itself, by a fault of the robot, and a test may
+                # take it out of reach as well.
                 by_itself = twin.in_reach
                 twin.in_reach = lambda: by_itself() and self.in_reach()
             # A stop that was requested before this had no link to act on.

@@ -140,7 +140,7 @@ class Rollout:
         for step in own:
             if link_lost(step):
                 self.is_lost = True
-                # This also works where a transform leaves the entry out.
+                # A transform may leave the entry out, so it is set anew.
                 frame["next", "link_lost"] = torch.ones(1, dtype=torch.bool)
                 break
             whole.append(step)
@@ -269,7 +269,7 @@ def _play_copies(
     judge = _judge_of_copies(env)
     started = 0
     played = 0
-    # This counts the rounds in a row in which all links broke.
+    # The number of rounds in a row in which all links broke limits how long this goes on.
     in_vain = 0
     while played < episodes:
         seed_episode(env, seed_of(1 + started))

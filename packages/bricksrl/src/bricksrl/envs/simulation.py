@@ -133,8 +133,8 @@ class SimulatedEnv(BricksEnv, EnvBase):  # type: ignore[misc]
         self._time_s = None if is_instant or step_ms is None else step_ms / 1000
         self._low = self._column([angle.low for angle in angles])
         self._high = self._column([angle.high for angle in angles])
-        # One formula both wraps and stops: whole turns are subtracted for endless motors, and then
-        # all angles are clamped.
+        # Wrapping and stopping are one formula, to need no branch for each motor: whole turns are
+        # subtracted for endless ones, and then all angles are clamped.
         wraps = self._column([float(angle.wraps) for angle in angles])
         self._turns_per_deg = wraps / 360.0
         self._deg_per_turn = wraps * 360.0

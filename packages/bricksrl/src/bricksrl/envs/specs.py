@@ -121,7 +121,7 @@ class NominalBounded(BoundedContinuous, metaclass=_KeepClass):  # type: ignore[m
 
     def of_same(self, spec: Any) -> "NominalBounded":
         """Another spec, with the entries of this one."""
-        # `Bounded.to` makes a plain `Bounded`.
+        # `Bounded.to` returns a plain `Bounded`, so the entries are put back.
         if not isinstance(spec, NominalBounded):
             spec = NominalBounded(
                 spec.low,
@@ -313,7 +313,8 @@ def observed_specs(env: EnvBase) -> dict[str, Any]:
     agent can read."""
     specs = {}
     for key, spec in specs_of(env, "observation").items():
-        # The parts of a group have other names now.
+        # A transform that renames all parts of a group leaves it empty, and then nothing of it is
+        # read.
         is_group = isinstance(spec, Composite)
         is_empty = is_group and not list(spec.keys(True, True))
         if key in EPISODE_KEYS or key.startswith("_") or is_empty:

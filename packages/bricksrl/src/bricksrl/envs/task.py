@@ -129,7 +129,7 @@ class Task:
         check_fields(Task, vars(self))
         self.robot.check_complete()
         if self.client is not None:
-            # An absolute path can be used in any folder.
+            # An absolute path keeps its meaning in any folder.
             object.__setattr__(self, "program", self.client.program)
             self.client.check(self.interface)
         for name, arguments in _ARGUMENTS.items():
@@ -145,7 +145,7 @@ class Task:
                 "of 1 or more"
             )
         if self.target is not None:
-            # This raises where dead reckoning is impossible.
+            # The call raises where dead reckoning is impossible, before an episode needs it.
             wheels(self.robot, self.interface)
         if not self.interface.commands or not self.entries:
             raise DescriptionError(
@@ -431,7 +431,8 @@ class Mirror:
     def __call__(self, vector: Tensor) -> Tensor:
         """Mirror image of vectors ``[*batch, n]``."""
         moved = vector[..., list(self.places)] * vector.new_tensor(self.signs)
-        # An angle in 0..360 degrees stays in its range when its sign changes.
+        # An angle in 0..360 degrees would leave its range when its sign changes, so it is wrapped
+        # again.
         signs_and_wraps = enumerate(zip(self.signs, self.wraps, strict=True))
         turned = [index for index, (sign, wraps) in signs_and_wraps if wraps and sign < 0]
         if turned:
@@ -459,7 +460,7 @@ def mirrors(task: Task) -> tuple[Mirror, Mirror]:
     if task.observes_commands:
         observed += [(f"last_{name}", sign) for name, sign in actions]
     for command, (_, sign) in zip(interface.commands, actions, strict=True):
-        # A range about 0 is its own mirror image.
+        # A command whose range is not about 0 has no mirror image in it.
         is_about_0 = command.low == -command.high
         if sign == 0 or (sign < 0 and not is_about_0):
             raise command.error(

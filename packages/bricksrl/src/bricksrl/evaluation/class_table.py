@@ -139,7 +139,8 @@ def _read(path: Path, folder: Path) -> _Run:
         is_evaluated=evaluation is not None,
         interval=interval,
     )
-    # With a learner beside the robot, or with a real robot, the same seed gives another run.
+    # The curve of a run can be compared only if its seed repeats it, which a learner beside the
+    # robot and a real robot do not allow.
     is_repeatable = not config.asynchronous and config.hub == "virtual"
     return _Run(
         row,

@@ -221,7 +221,7 @@ def _run_folders(paths: Sequence[Path | str]) -> Iterator[Path]:
         # A user may call a copy by this name, so a run may contain such folders.
         is_run = RunFolder(path).config_path.exists()
         for run in seeds if seeds and not is_run else [path]:
-            # The same folder by another name, such as a link, is the same run.
+            # A link to a folder names the same run a second time, which must not count twice.
             if run.resolve() in seen:
                 raise RunError(f"{run} is named twice; name it once")
             seen.add(run.resolve())
@@ -256,7 +256,7 @@ def draw(path: Path | str, groups: Sequence[Group]) -> None:
     columns = min(_COLUMNS, len(envs))
     rows = math.ceil(len(envs) / columns)
     agents = list(dict.fromkeys(group.agent for group in groups))
-    # An agent has one colour in all panels, and one line in the common legend.
+    # Colours are given to agents and not to lines, so that the legend can be shared by all panels.
     colours = dict(zip(agents, itertools.cycle(PALETTE)))
     figure = new_figure(7.0 * columns + 1.0, 3.8 * rows + 0.5)
     panels = figure.subplots(rows, columns, squeeze=False).flatten()

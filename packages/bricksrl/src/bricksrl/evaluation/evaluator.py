@@ -197,7 +197,7 @@ def evaluate(
         changed = [name for name in names if getattr(options, name) != getattr(nominal, name)]
         as_trained = env_id == origin.env and not changed
         hub = options.hub
-        # A simulation plays its episodes at once, as copies in a batch.
+        # Copies in a batch make a simulation many times as fast.
         side_by_side = is_simulation(env_id) and hub == "virtual" and not options.realtime
         # Episodes are played one after the other where something may have a memory, or read specs
         # without a batch: a policy of planned chunks, a transform, or an agent of the user's own.
@@ -281,6 +281,6 @@ def evaluation_options(
             fault=(),
         )
     elif named.get("randomize", False):
-        # Drawn physics replace those of a file.
+        # Physics from a file would be overridden by drawn ones, so they are left out.
         nominal = replace(nominal, physics=None)
     return nominal.changed(**named)

@@ -78,7 +78,7 @@ def check_run_filmable(run_dir: Path) -> None:
         task = env.task
         body = make_body(task.robot, scene=task.scene)
     if isinstance(body, MujocoBody):
-        # A small image shows as well as a film whether OpenGL works here.
+        # Rendering a small image is the fastest way to find out whether OpenGL works here.
         with Renderer(body, *_TRIAL_PX, Room(body).camera) as renderer:
             renderer.render()
 

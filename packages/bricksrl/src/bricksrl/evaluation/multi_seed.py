@@ -223,7 +223,7 @@ def main() -> None:
     stop = threading.Event()
 
     def receive(message: Message | None) -> None:
-        # None is the end of the pipe, which means that the parent is gone.
+        # None is the end of the pipe: the parent is gone, and nobody needs the run.
         if message in (END, None):
             stop.set()
         orders.put(message or END)
@@ -246,7 +246,7 @@ def main() -> None:
                 reporter.send({"error": error})
         code = 0
     except (BrokenPipeError, KeyboardInterrupt):
-        # The parent is gone, or has asked for the end.
+        # The parent is gone or has asked for the end, so there is nobody to tell.
         pass
     except Exception:  # noqa: BLE001  an exit at once would not print it
         traceback.print_exc()

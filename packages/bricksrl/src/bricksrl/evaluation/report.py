@@ -250,7 +250,7 @@ def _commands(
 ) -> str:
     run = quoted(run_dir)
     env = quoted(origin.env)
-    # A run that has learned from data alone goes on with a robot, from what it has learned.
+    # The advice for a run that has learned from data alone is to go on with a robot.
     if origin.is_offline:
         longer = f"bricksrl train {env} --demonstrations {run}"
     else:

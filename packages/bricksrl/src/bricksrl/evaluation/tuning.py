@@ -145,8 +145,8 @@ def _space(start: Any, *, goals: bool) -> _Space:
     hints = typing.get_type_hints(type(start), include_extras=True)
     for name, value in vars(start).items():
         if name not in _SPACE and isinstance(value, float):
-            # The range is a decade to both sides. Around 0, which has none, it is what most factors
-            # are.
+            # The range is a decade to both sides, because good values differ by factors. A value of
+            # 0 has no decade, so its range is what most factors are.
             low, high = sorted((value / 10.0, value * 10.0)) if value else (0.0, 1.0)
             for limits in getattr(hints.get(name), "__metadata__", ()):
                 if isinstance(limits, Range):

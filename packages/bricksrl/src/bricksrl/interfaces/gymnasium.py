@@ -159,7 +159,7 @@ class GymnasiumEnv(gymnasium.Env[Observation, Array]):
         super().reset(seed=seed)
         if seed is not None:
             self.env.set_seed(seed)
-            # The new seed replaces the virtual robot that is drawn.
+            # The new seed makes another virtual robot, which the present renderer does not show.
             self._close_renderer()
         self._observations = []
         self._info = {}
@@ -316,7 +316,7 @@ class GymnasiumVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
         task = self.env.task
         self.num_envs = num_envs
         self._max_steps = _limit(max_episode_steps, task)
-        # The limit comes from make_vec: from the registry, or from the user.
+        # make_vec passes the limit on, from the registry or from the user.
         if max_episode_steps is not None:
             _refuse_max_steps(named)
             registered = gymnasium.registry.get(f"bricksrl/{env_id}")
@@ -436,7 +436,7 @@ class GymnasiumVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
         """Metrics and success of the episodes that just ended, each with a mask of their copies, as
         in Gymnasium."""
         info: dict[str, Any] = {}
-        # Episodes of the same length are judged in one batch.
+        # Judging is a function of batches, so episodes of the same length go in one.
         for steps in self._steps[self._ended].unique().tolist():
             is_of_length = self._ended & (self._steps == steps)
             copies = is_of_length.nonzero().squeeze(-1)

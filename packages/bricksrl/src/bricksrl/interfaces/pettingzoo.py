@@ -96,7 +96,7 @@ class ArenaParallelEnv(ParallelEnv):  # type: ignore[misc]
         """Start an episode, reproducibly with a seed."""
         if seed is not None:
             self._env.set_seed(seed)
-            # The new seed has a world of its own.
+            # The new seed makes another world, which the present renderer does not show.
             self._close_renderer()
             self.np_random, _ = np_random(seed)
         self._state = self._env.reset()
@@ -132,7 +132,7 @@ class ArenaParallelEnv(ParallelEnv):  # type: ignore[misc]
         info = {
             "link_lost": bool(out["link_lost"]),
             "success": is_success,
-            # Stable-Baselines3 and Gymnasium-Robotics use this name.
+            # The name is the one that Stable-Baselines3 and Gymnasium-Robotics look for.
             "is_success": is_success,
         }
         observations = self._per_robot(out, "observation")

@@ -214,7 +214,8 @@ def _are_ambiguous(hubs: tuple[str, ...]) -> bool:
     real = {hub for hub in hubs if hub != "virtual"}
     if len(hubs) == 1 or not real:
         return False
-    # Either one address is named twice, or a virtual robot stands among real ones.
+    # It is not clear which robot a process gets if an address is named twice, or a virtual robot
+    # stands among real ones.
     are_repeated = len(real) < len(hubs)
     are_unnamed = any(":" not in hub for hub in real)
     return are_repeated or are_unnamed

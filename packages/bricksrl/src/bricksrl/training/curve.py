@@ -39,7 +39,7 @@ def draw_learning_curve(
                 label=label,
                 zorder=2,
             )
-    # The mean of a single episode is just its point.
+    # A single episode has no trend, so no mean is drawn.
     if len(episodes) > 1:
         window = min(WINDOW, len(episodes))
         means = moving_mean([episode.return_ for episode in episodes], window)

@@ -70,11 +70,9 @@ class Loop:
         self.identity: dict[str, Any] = state["identity"]
         # Only complete episodes are listed, because an interrupted run begins its last one anew.
         self.episodes = [Episode.from_dict(data) for data in state["episodes"]]
-        # This is the mean return of the best evaluation.
         self.best: float | None = state["best"]
         # This belongs to the last episode: the run may have ended before its evaluation.
         self.is_evaluation_due: bool = state["is_evaluation_due"]
-        # The dataset holds this many whole episodes.
         self.recorded: int = state["recorded"]
 
         # The fields from here on are not in a checkpoint. Episodes count from their start, complete

@@ -147,7 +147,8 @@ def _run(
         # This follows the environment, whose own draws do not count then.
         stack.enter_context(reproducible(derive_seed(config.seed, "agent")))
         signals = stack.enter_context(StopSignals(stop or threading.Event()))
-        # An error of a user's algorithm is reported with the line of its file.
+        # A user can mend an error of their own algorithm only if the message has the line of their
+        # file.
         with calling(config.agent, "fails", is_of_user=is_reference(config.agent)):
             return _run_in(
                 env,

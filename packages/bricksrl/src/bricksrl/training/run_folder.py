@@ -261,7 +261,7 @@ def _row(episode: Episode) -> dict[str, Any]:
         if name != "return":
             row[name] = getattr(episode, name)
     row["return"] = episode.return_
-    # Truth values become numbers, which spreadsheets can add.
+    # Truth values become numbers, because spreadsheets can add those.
     row["success"] = None if episode.success is None else int(episode.success)
     row["link_lost"] = int(episode.link_lost)
     row["seconds"] = f"{episode.seconds:.3f}"

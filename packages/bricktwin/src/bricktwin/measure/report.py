@@ -40,7 +40,8 @@ def lines(comparison: Comparison) -> Iterator[tuple[str, str, str, str, str]]:
             twin = comparison.twin[quantity.name]
             yield name, plain_number(value), plain_number(twin), "", ""
             continue
-        # The scale is that of the nominal twin: the twin that was measured has the robot's battery.
+        # The scale is that of the nominal twin, because the measured one already has the robot's
+        # battery.
         low, nominal, high = comparison.scale(quantity)
         remark = ""
         if not low <= value <= high:

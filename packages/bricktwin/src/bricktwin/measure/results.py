@@ -207,7 +207,8 @@ def _inertial(rows: Iterable[Row]) -> dict[str, float]:
     """Numbers of gyroscope and accelerometer. Half a turn separates their tilt from that of the
     table."""
     turning = [row for row in rows if "heading" in row.values]
-    # Headings are wrapped on the wire. The answers are close enough together to unwrap them.
+    # The wire wraps headings, so they are unwrapped here, for which the answers are close enough
+    # together.
     headings_deg = np.unwrap(_column(turning, "heading"), period=360.0)
     times_min = np.array([row.time_ms / 60_000 for row in turning])
     pitch_deg = _column(turning, "pitch")
@@ -234,8 +235,8 @@ def _inertial(rows: Iterable[Row]) -> dict[str, float]:
     drift_deg = drift_deg_min * (after_min - last_min)
     turn_deg = after_deg - last_deg - drift_deg
 
-    # A twin has one parameter for the noise of both tilts, which is compared with their root mean
-    # square.
+    # A twin has only one parameter for the noise of both tilts, so their root mean square is
+    # compared.
     pitch_noise_deg = pitch_deg[is_rest].std()
     roll_noise_deg = roll_deg[is_rest].std()
     tilt_noise_deg = np.hypot(pitch_noise_deg, roll_noise_deg) / math.sqrt(2.0)
@@ -280,7 +281,8 @@ class Comparison:
     def scale(self, quantity: Quantity) -> tuple[float, float, float]:
         """Lowest, nominal and highest number of the twins that are drawn."""
         parameter = PARAMETERS[quantity.parameter]
-        # Where the factor is negative, the lowest number belongs to the highest parameter.
+        # The ends are sorted, because with a negative factor the lowest number belongs to the
+        # highest parameter.
         low, high = sorted(self.at(quantity, end) for end in parameter.random_range)
         default = getattr(Physics(), quantity.parameter)
         nominal = self.at(quantity, default)

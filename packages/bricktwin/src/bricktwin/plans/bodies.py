@@ -67,7 +67,7 @@ class BodyJoint:
             first, second = second, first
         is_reversed = first != self.bodies[0]
         sign = -1.0 if self.motor is not None and is_reversed else 1.0
-        # A body has six rows, three of its velocity and then three of its angular rate.
+        # The angular rates are the last three of a body's six rows, and only they show a turn.
         first_rates = motions[6 * first + 3 : 6 * first + 6]
         second_rates = motions[6 * second + 3 : 6 * second + 6]
         return np.asarray(sign * self.axis @ (second_rates - first_rates))
@@ -480,7 +480,7 @@ def _sliding(
     for link in links:
         if link.connection.is_axle and groups[link.male] == groups[link.female]:
             fixed_to[link.male].append(link.connection)
-    # For each pair of bodies, how many stops there are in each of the two directions.
+    # A joint slides unless it is stopped in both directions, so stops are counted for each of them.
     stops: dict[frozenset[int], list[int]] = defaultdict(lambda: [0, 0])
     for link in links:
         first = groups[link.male]

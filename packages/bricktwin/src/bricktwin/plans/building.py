@@ -27,7 +27,7 @@ _MAX_PAIRS = 200
 """Largest number of colliding pairs that are found."""
 _MAX_COMPARED = 50_000
 """Largest number of pairs that are compared."""
-# These limits end the search for paths.
+# These limits end the search for paths, because its time grows with the number of trials.
 _MAX_QUERIES = 6000
 """Largest number of collision queries for a plan."""
 _MAX_ITEMS = 60
@@ -105,7 +105,6 @@ class Occupancy:
         """Parts with bounds that overlap those of a moved part [n]."""
         low = self.low[index] + shift + _SKIN
         high = self.high[index] + shift - _SKIN
-        # Boxes overlap where they overlap along each of the three axes.
         overlaps = (low < self.high) & (self.low < high)  # [n, 3]
         return np.asarray(overlaps.all(axis=1))
 
@@ -119,7 +118,7 @@ class Occupancy:
         # Chain links are flexible and lie between teeth, so their overlaps are no collisions.
         if "chains" in families:
             return False
-        # A tyre gives way when it is pulled over its rim.
+        # A tyre is no obstacle while it moves, because it gives way when it is pulled over its rim.
         if "tyres" in families and shift.any():
             return False
         return self._inside(index, other, shift) or self._inside(other, index, -shift)
@@ -224,7 +223,8 @@ def step_faults(
         built[step.assembly] = after
         # In the first step nothing stands yet, so all of its parts must hang on its main part.
         starts = before or [_main_part(plan, new)]
-        # Groups are nodes below 0 (see `neighbours`), and hold their parts at all times.
+        # Groups are nodes below 0 (see `neighbours`). They are always included, because they hold
+        # their parts at all times.
         nodes = after | set(range(-len(groups), 0))
         graph_now = {node: [other for other in graph[node] if other in nodes] for node in nodes}
         held = reached(starts, graph_now)

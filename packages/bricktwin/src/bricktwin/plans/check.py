@@ -80,7 +80,8 @@ def held_by_unknown(plan: Plan, unknowns: Iterable[Unknown]) -> list[frozenset[i
     groups = []
     for unknown in unknowns:
         for position in unknown.positions:
-            # A gap below 0 means that the place is inside of a part's bounds [n].
+            # A gap below 0 [n] means that the place is inside of a part's bounds, which is near
+            # too.
             gap = np.maximum(low - position, position - high).max(axis=1)
             groups.append(frozenset(np.flatnonzero(gap < _REACH).tolist()))
     return groups
@@ -243,8 +244,8 @@ def _remove_spin(
     axis = bars[0].rotation[:, 0]
     point = bars[0].position / RATE_LENGTH
     angular = rates[3:]
-    # A spin about the axis leaves two things alone: the velocity of a point on the axis, and the
-    # angular rate across it.
+    # The spin is removed by keeping only what it leaves alone: the velocity of a point on the axis,
+    # and the angular rate across it.
     linear = rates[:3] + np.cross(angular, point, axis=0)
     across = angular - np.outer(axis, axis @ angular)
     return np.concatenate([linear, across])

@@ -298,8 +298,8 @@ def open_holes(
     holes = female.part.holes
     if not bars or not holes:
         return []
-    # Bars are compared in the frame of the part with the holes: centres [b, 3] and directions [b,
-    # 3].
+    # The holes are given in the frame of their own part, so the bars are moved into it: centres [b,
+    # 3] and directions [b, 3].
     bar_centres = np.array([site.centre for site in bars])
     bar_axes = np.array([site.axis for site in bars])
     moved_centres = male.to_plan(bar_centres) + shift  # [b, 3]
@@ -307,7 +307,7 @@ def open_holes(
     axes = bar_axes @ male.rotation.T @ female.rotation
     hole_centres = np.array([site.centre for site in holes])[:, None]  # [h, 1, 3]
     hole_axes = np.array([site.axis for site in holes])[:, None]  # [h, 1, 3]
-    # Broadcasting compares each of the h holes with each of the b bars [h, b].
+    # One operation compares each of the h holes with each of the b bars [h, b].
     offsets = hole_centres - points  # [h, b, 3]
     across = np.linalg.norm(np.cross(offsets, axes), axis=2)
     tilts = np.linalg.norm(np.cross(hole_axes, axes), axis=2)
@@ -340,7 +340,7 @@ def _arm(site: Site) -> Floats:
     """One direction of the cross in the part's frame."""
     if site.arm:
         return np.array(site.arm)
-    # The catalogue omits the arm where it lies along one of the part's axes.
+    # The catalogue omits an arm that lies along one of the part's axes, so that one is the default.
     return np.array(AXES["x"] if abs(site.axis[0]) < 0.5 else AXES["y"])
 
 

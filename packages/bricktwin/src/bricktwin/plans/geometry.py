@@ -197,14 +197,13 @@ def _round_normals(
     """Outward normals [n, 3] at points [n, 3] of a cylinder, or of a ring with a bore of this
     radius, along their third axis."""
     radius = np.maximum(np.hypot(local[:, 0], local[:, 1]), 1e-9)
-    # The faces are numbered in this order: 0 the ends, 1 the outside, 2 the bore.
     from_middle = np.abs(local[:, 2])
     gaps = [np.abs(half_length - from_middle), np.abs(outer - radius)]
     if bore is not None:
         gaps.append(np.abs(radius - bore))
     nearest_face = np.argmin(gaps, axis=0)
     is_end = nearest_face == 0
-    # Out of the material is towards the axis in a bore.
+    # In a bore the normal points towards the axis, because that is out of the material.
     direction = np.where(nearest_face == 2, -1.0, 1.0)
     from_axis = local[:, :2] / radius[:, None]  # [n, 2]
     sides = from_axis * direction[:, None]
@@ -227,7 +226,6 @@ def _round_samples(
     for height in heights:
         radius = float(half[0])
         if is_ball:
-            # A plane at this height cuts the ball in a circle of this radius.
             radius = float(np.sqrt(max(half[0] ** 2 - height**2, 0.0)))
         # A wall that is thinner than twice the depth has no points inside.
         layers = 0

@@ -33,7 +33,6 @@ _ENDS = {
 }
 """Lines that end a range of lines that are no parts, each by the words that it shares with the
 first line of the range."""
-# Limits of the numbers of a file.
 _MAX_DEG = 36_000.0
 """A hundred turns of a motor."""
 _MAX_COORDINATE = 1e6
@@ -435,7 +434,8 @@ class Document:
         number: int,
         words: list[str],
     ) -> None:
-        # ROBOT and PARTS describe the file; all other comments describe the part that follows.
+        # ROBOT and PARTS describe the file, so they need no part after them as all other comments
+        # do.
         if words[:1] not in (["ROBOT"], ["PARTS"]):
             self._marks_line = number
         match words:

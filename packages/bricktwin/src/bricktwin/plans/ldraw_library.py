@@ -77,7 +77,7 @@ def _triangles_of(root: Path, name: str) -> Triangles:
     for line in _text(root, name).splitlines():
         words = line.split()
         if words[:2] == ["0", "BFC"]:
-            # Naming a winding certifies a file as well.
+            # By the specification, naming a winding certifies a file as well.
             says_winding = bool({"CERTIFY", "CW", "CCW"} & set(words))
             certified = "NOCERTIFY" not in words and (certified or says_winding)
             clockwise = "CW" in words or (clockwise and "CCW" not in words)
@@ -111,7 +111,7 @@ def _placed(
     of the line that does."""
     offset = np.array(numbers[:3])
     matrix = np.array(numbers[3:]).reshape(3, 3)
-    # A mirrored part has its triangles inside out.
+    # A mirrored part has its triangles inside out, so they are turned over once more.
     is_flipped = inverted != bool(np.linalg.det(matrix) < 0)
     placed: Triangles = {}
     for code, local in inner.items():
@@ -133,7 +133,7 @@ def _faces(
         faces = corners[[[0, 1, 2], [0, 2, 3]]]
     if clockwise:
         faces = faces[:, ::-1]
-    # Where the winding is undefined, both sides are drawn.
+    # Where the winding is undefined both sides are drawn, because either may be the outer one.
     return faces if certified else np.concatenate([faces, faces[:, ::-1]])
 
 

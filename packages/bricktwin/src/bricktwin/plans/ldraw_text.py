@@ -63,7 +63,8 @@ def _unzipped(path: Path, data: bytes) -> bytes:
                 member for member in archive.namelist() if member.lower().endswith((".ldr", ".mpd"))
             ]
             name = min(models, key=_rank, default=None)
-            # The lowest flag bit of a zip member says that it is encrypted.
+            # The lowest flag bit of a zip member says that it is encrypted, and then it cannot be
+            # read.
             if name is not None and not archive.getinfo(name).flag_bits & 1:
                 with archive.open(name) as file:
                     # No more than the limit is read, whatever size the archive claims.

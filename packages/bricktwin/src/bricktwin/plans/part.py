@@ -240,7 +240,8 @@ class Part:
     def mirror(self) -> Floats | None:
         """Signs [3] of a reflection along an axis that maps the part onto itself; ``None`` for a
         part with a left and a right."""
-        # The rows (-1, 1, 1), (1, -1, 1), (1, 1, -1) are the reflections along the three axes.
+        # The rows (-1, 1, 1), (1, -1, 1), (1, 1, -1) are the reflections along the three axes, of
+        # which one is enough.
         for signs in 1.0 - 2.0 * np.eye(3):
             has_same_features = self._features(signs) == self._features(np.ones(3))
             # This test costs most and so comes last: the mirrored material must lie in the part,

@@ -16,8 +16,7 @@ from bricktwin.plans.geometry import Floats, Triple, triple
 from bricktwin.plans.ldraw_file import Document, LineFault, Marks, Model, Reference
 from bricktwin.plans.part import Device, DeviceKind, Part
 
-# These limits bound what a file can ask for: a few lines that nest sub-models can be millions of
-# parts.
+# A few lines that nest sub-models can be millions of parts, so what a file can ask for is limited.
 MAX_PARTS = 10_000
 """Largest number of parts and sub-models that lines place."""
 MAX_DEPTH = 16
@@ -178,7 +177,7 @@ class Plan:
         if not step.assembly:
             return ("", step.index)
         colours = (self.parts[part].colour for part in sorted(self.present_parts(step)))
-        # Copies of one model differ in the line that places them, which is left out here.
+        # The line that places a copy is left out, because equal copies must have equal keys.
         model = step.assembly[-1].rpartition(":")[0]
         return (model, step.number, *colours)
 
@@ -209,7 +208,6 @@ def make_plan(document: Document, path: Path | None = None) -> Plan:
     a model contains itself, there are too many parts, no line is valid, or a file cannot be
     read."""
     builder = _Builder(document, SubModels(document, path))
-    # The robot itself stands at the plan's origin.
     at_origin = Reference(
         _MAIN_COLOUR,
         np.eye(3),
@@ -396,7 +394,8 @@ class _Builder:
         is_elsewhere = bool(self.models.file_of(model))
         lines: list[tuple[int, Reference]] = []
         for reference in composed(lines_here):
-            # A mistake in another file is reported at the line of the plan that places the file.
+            # The user edits the plan, so a mistake in another file is reported at the line that
+            # places that file.
             line = place.line if is_elsewhere else reference.line
             lines.append((reference.line, replace(_located(reference, place), line=line)))
         return lines
@@ -639,7 +638,8 @@ class _Builder:
             return None
         rotation = reference.matrix
         marks = reference.marks
-        # Editors mirror halves of a model. A symmetric part can be turned to look the same.
+        # Editors mirror halves of a model. A symmetric part can be turned to look the same, so only
+        # others are refused.
         if np.linalg.det(rotation) < 0.0:
             if part.mirror is None:
                 text = (

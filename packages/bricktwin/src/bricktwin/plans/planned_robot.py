@@ -114,8 +114,8 @@ def free_deg(
     drive = next(drive for drive in planned.articulation.drives if drive.port == port)
     start = planned.device(port).angle_deg
     sweep = _Sweep(planned, drive)
-    # The gear counts turns of the motor for one turn of the driven part, and the driven part is
-    # what is moved here.
+    # The gear converts angles, because the driven part is moved here but the motor's angle is
+    # limited.
     reached_low = start + sweep.reach((low - start) / drive.gear) * drive.gear
     reached_high = start + sweep.reach((high - start) / drive.gear) * drive.gear
     return min(start, reached_low), max(start, reached_high)
@@ -169,7 +169,6 @@ class _Sweep:
         # The disc on the motor's shaft turns with the driven parts, so the case goes without it.
         case = replace(motor, part=replace(motor.part, turning=(), sites=sites))
         self._parts = tuple(case if part is motor else part for part in planned.plan.parts)
-        # The axis is wanted in the plan's frame, in LDU.
         self._axis = TO_TWIN.T @ drive.joint.axis
         self._point = TO_TWIN.T @ drive.joint.point_m / M_PER_LDU
         carried = carried_by(articulation, drive)

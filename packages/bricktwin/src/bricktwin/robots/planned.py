@@ -587,7 +587,7 @@ def _check_wheels(
     """Contradictions in a drive base: wheel diameter and axle track."""
     positions_m = []
     for side, part in ((base.left, left), (base.right, right)):
-        # A motor that the plan lacks is reported by `disagreements`.
+        # A motor that the plan lacks is skipped, because `disagreements` already reports it.
         if part is None:
             return
         if not part.wheel_mm or abs(part.wheel_mm - base.wheel_diameter_mm) > _WHEEL_TOLERANCE_MM:

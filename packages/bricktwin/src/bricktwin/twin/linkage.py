@@ -138,7 +138,8 @@ class Linkage:
                 free.append(name)
         self.free = tuple(free)
 
-        # Motions are measured from the plan's configuration once all loops are closed.
+        # The start is measured after the loops are closed, because a plan may leave small gaps in
+        # them.
         self.turn({})
         self._start_m = data.xpos.copy()  # [nbody, 3]
         self._start_axes = data.xmat.reshape(-1, 3, 3).copy()  # [nbody, 3, 3]
@@ -270,8 +271,8 @@ def sensed_qpos(
     motors = [motor for motor in body.robot.motors if motor.name in angles_deg]
     joints = [model.joint(f"motor_{motor.port}") for motor in motors]
     addresses = [int(joint.qposadr[0]) for joint in joints]
-    # A motor's joint turns by these degrees for a degree of its output; the model counts the shaft,
-    # clockwise positive.
+    # Angles are given at the outputs, so they are converted to the joints; the model counts the
+    # shaft, clockwise positive.
     joint_per_output = []
     for motor in motors:
         actuator = model.actuator(f"motor_{motor.port}").id

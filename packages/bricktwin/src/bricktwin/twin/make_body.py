@@ -84,7 +84,7 @@ def make_body(
     """
     robot.check_complete()
     scene = scene or OPEN_FLOOR
-    # End stops belong to the robot alone from here on, whoever gave them.
+    # All end stops are put into the robot, so that from here on nobody has to ask who gave them.
     robot = with_end_stops(robot, {**scene.end_stops, **end_stops})
     scene = replace(scene, end_stops={})
     if not lies_on_bench(robot, scene):
@@ -141,7 +141,8 @@ def check_mujoco() -> None:
             error,
         )
         os.environ["MUJOCO_GL"] = "disable"
-        # A renderer that fails names the backend that the user asked for.
+        # The variable is changed above, so a renderer that fails could not name what the user asked
+        # for without this copy.
         os.environ[ASKED_GL] = backend
         for name in list(sys.modules):
             # Compiled modules stay, because they can be loaded only once.

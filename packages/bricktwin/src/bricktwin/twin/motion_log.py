@@ -119,7 +119,7 @@ def identification_commands(
     moving[: 2 * jerks : 2] = strengths
     moving[1 : 2 * jerks : 2] = -strengths
 
-    # Runs at full speed follow, each with a run back.
+    # Each run is followed by a run back, so that the robot stays roughly in place.
     first_run = len(moving) - run_steps
     for start in range(first_run, len(moving), round_trip_steps):
         back = start + _RUN_STEPS

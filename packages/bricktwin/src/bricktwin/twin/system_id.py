@@ -197,7 +197,8 @@ class _Search:
         self._lowest = np.inf
         channels = log.interface.channels
         self._wraps = np.array([channel.wraps for channel in channels])
-        # The deviation of a channel comes from the rounding of its digits and from its noise.
+        # Differences are measured in these deviations, so that channels of different units count
+        # alike.
         sigma = []
         for channel in channels:
             deviation = noise.get(channel.noise or "", 0.0)
@@ -214,7 +215,7 @@ class _Search:
             self._scene,
         )
         difference = channels - self._log.channels  # [n + 1, n_channels]
-        # Headings are compared the shorter way round.
+        # Headings are compared the shorter way round, because whole turns are no error.
         wrapped = (difference - difference[0] + 180.0) % 360.0 - 180.0
         difference = np.where(self._wraps, wrapped, difference)[1:]
         self.replays += 1

@@ -70,7 +70,7 @@ def zero_between(stops_deg: tuple[int, int], motor: Motor) -> int:
             f"motor '{motor.name}' is blocked after {width} degrees and has to turn by "
             f"{required}; clear its way and try again"
         )
-    # The zero is the difference between the middle of the stops and that of the range.
+    # A joint is centred between its stops, so its zero is the difference of the two middles.
     return round((sum(stops_deg) - sum(motor.range_deg)) / 2)
 
 

@@ -59,7 +59,7 @@ _ENCODERS = {kind.model.device_id for kind in MotorKind if kind.model.has_encode
 def _device_names() -> dict[int, str]:
     names = {kind.model.device_id: f"motor {kind.value}" for kind in MotorKind}
     for kind in SensorKind:
-        # "ColorDistanceSensor" is a "color distance sensor".
+        # People read "color distance sensor" and not "ColorDistanceSensor".
         words = re.sub("(?<!^)([A-Z])", r" \1", kind.value)
         names[kind.model.device_id] = words.lower()
     names[0] = "nothing"
@@ -478,7 +478,8 @@ def _check_move(
         if angle_before is None or angle_after is None:
             continue
         turned = (angle_after - angle_before + 180.0) % 360.0 - 180.0
-        # Wrapped angles get the whole turns that bring them nearest to the command.
+        # A wrapped angle does not tell whole turns, so those are added that bring it nearest to the
+        # command.
         if command.ends:
             turned += 360.0 * round((turn_deg - turned) / 360.0)
         # Multiplying both sides by the expected turn makes the sign count; where no turn is
@@ -569,7 +570,8 @@ def _reversing(
     names: Sequence[str],
 ) -> str:
     """Advice for motors that turn the wrong way, in words that can be followed as they are."""
-    # A motor that its calibration reverses and that now turns wrongly is right as described.
+    # A motor that is reversed by its calibration and turns wrongly would be right as described, so
+    # the advice is another one.
     reversed_already = []
     as_described = []
     for name in names:

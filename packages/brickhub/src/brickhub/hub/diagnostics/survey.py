@@ -122,7 +122,7 @@ def find_stops(transport: Transport, robot: Robot) -> dict[str, tuple[int, int] 
     joints = _joints(robot)
     if not joints:
         return {}
-    # Each joint makes three moves: to both stops, and back to the middle.
+    # The limit is long enough for three moves of each joint: to both stops, and back to the middle.
     timeout_s = 5.0 + 3 * len(joints) * STALL_LIMIT_MS / 1000
     stops_deg: dict[str, tuple[int, int] | None] = {}
     for line in run(transport, stops_program(robot), timeout_s):
@@ -182,7 +182,7 @@ def turn_wheels(transport: Transport, robot: Robot) -> list[WheelTurn]:
         HubError: the hub cannot be reached, or does not answer; the motors are then stopped.
         HubProgramError: the program raised.
     """
-    # Each of the two wheels turns forward and back.
+    # The limit is long enough for each of the two wheels to turn forward and back.
     timeout_s = 5.0 + 4 * (_WHEEL_LIMIT_MS + _SETTLE_MS) / 1000
     turns = []
     for line in run(transport, wheels_program(robot), timeout_s):

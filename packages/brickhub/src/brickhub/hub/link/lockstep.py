@@ -104,7 +104,7 @@ class HubLink(RobotLink):
         self._longest_move_s = settle.longest_ms / 1000
         self._known_move_s = None if settle.fixed_ms is None else self._longest_move_s
         self._least_watchdog_ms = _watchdog_ms(watchdog_s)
-        # The program begins with this time, and the link changes it once the program runs.
+        # The link changes this time once the program runs, so it begins with that of the program.
         self._watchdog_ms = WATCHDOG_MS
         self._seq = 0
         self._frame = b""
@@ -282,12 +282,13 @@ class HubLink(RobotLink):
 
     def _start_program(self) -> None:
         self._run_program()
-        # A new program has a new clock, new sequence numbers and a new watchdog.
+        # These belong to one program, so a new one begins with a new clock, new sequence numbers
+        # and a new watchdog.
         self._clock = HubClock()
         self._seq = 0
         self._watchdog_ms = WATCHDOG_MS
         self.statistics.watchdog_s = WATCHDOG_MS / 1000
-        # The program sends a HELLO when it starts; if that gets lost, it is requested.
+        # The HELLO that the program sends at its start may get lost, and then one is requested.
         hello = self._receive_hello() or self._request_hello()
         check_hello(hello, self.program.hash)
         # After a reconnection the round trips of the link are already known.

@@ -40,7 +40,6 @@ class LinkProfile:
     wake_ms: float = 0.0
 
 
-# The columns are interval, jitter, loss, burst, lost notifications and wake-up.
 PROFILES = {
     "mac": LinkProfile(
         15.0,

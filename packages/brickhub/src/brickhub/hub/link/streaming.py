@@ -115,7 +115,8 @@ class StreamingLink(HubLink):
                 break
             if now_s >= next_send_s:
                 is_first_send = next_send_s <= started_s
-                # Either the command was lost, or the request for observations at the start.
+                # Either the command was lost, or the request for observations at the start, so both
+                # are sent again.
                 if newest is None and not is_first_send:
                     self.statistics.resends += 1
                     self._request_stream()

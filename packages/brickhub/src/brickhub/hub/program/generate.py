@@ -284,7 +284,6 @@ def _header(
 def _robot_imports(robot: Robot, interface: Interface) -> list[str]:
     motors = _motors(robot, interface)
     sensors = _sensors(robot, interface)
-    # Each entry is a module and a name in it.
     names = {("pybricks.hubs", robot.hub.model.class_name)}
     for motor in motors:
         names.add(("pybricks.pupdevices", motor.kind.model.class_name))
@@ -384,7 +383,7 @@ def _joints(robot: Robot, interface: Interface) -> set[str]:
     return turned_by_angle & with_range
 
 
-# Pybricks' axes are those of a robot: x forward, y left, z up.
+# No turn is needed, because Pybricks' axes are those of a robot: x forward, y left, z up.
 _AXES = {
     "ahead": "Axis.X",
     "back": "-Axis.X",
@@ -408,15 +407,16 @@ def _devices(robot: Robot, interface: Interface) -> str:
     lines = [hub_line(robot)]
     for motor in _motors(robot, interface):
         lines += _motor_lines(motor, motor.name in joints)
-    # Setups follow the motors, of which a drive base is made. Equal ones, as of several commands
-    # for one drive base, are written once.
+    # Setups come after the motors, because a drive base is made of them. Equal setups, as of
+    # several commands for one drive base, are written once.
     setups = dict.fromkeys(command.setup(robot) for command in interface.commands)
     setups |= dict.fromkeys(channel.setup(robot) for channel in interface.channels)
     for setup in setups:
         lines += setup
     for sensor in _sensors(robot, interface):
         lines.append(f"sensor_{sensor.name} = {sensor.kind.value}(Port.{sensor.port})")
-    # These stop at the end, and end a step. The two wheels of a drive base are one entry.
+    # A dictionary holds each mover once, because the two wheels of a drive base have a single one
+    # that stops and ends a step.
     movers: dict[str, None] = {}
     for command in interface.commands:
         if command.mover is not None:

@@ -91,8 +91,8 @@ def _with_parentheses(source: str) -> str:
     arguments."""
     line_starts = [0, *itertools.accumulate(map(len, io.StringIO(source)))]
     insertions: list[tuple[int, str]] = []
-    # For each open bracket, these are the tokens of its parts, which commas separate. Tokens in a
-    # bracket inside of a part belong to the inner bracket alone.
+    # Commas separate the parts of a bracket, whose tokens are kept for each open bracket. Those of
+    # an inner bracket are not kept again for the outer one.
     brackets: list[list[list[tokenize.TokenInfo]]] = []
     for token in tokenize.generate_tokens(io.StringIO(source).readline):
         is_operator = token.type == tokenize.OP

@@ -46,7 +46,8 @@ _RFKILL_FOLDER = Path("/sys/class/rfkill")
 _SYSTEM_BUS = Path("/run/dbus/system_bus_socket")
 _SERVICES = "`sudo systemctl start dbus bluetooth`"
 
-# These are the names in bleak's BleakBluetoothNotAvailableReason.
+# The keys are the names in bleak's BleakBluetoothNotAvailableReason, so that bleak need not be
+# imported for them.
 _REASONS = {
     "NO_BLUETOOTH": errors.Reason.NO_ADAPTER,
     "NO_BLE_CENTRAL_ROLE": errors.Reason.NO_ADAPTER,
@@ -446,8 +447,8 @@ class BlePort:
 
 def socket_path() -> Path:
     """The socket of Pybricks' background service (``pb_core/paths.py`` of pybricks-core 1.0)."""
-    # The service looks in this order: the folder that the user sets, the session's folder on Linux,
-    # then any other one.
+    # The search has the service's own order, so that it ends at the same socket: the folder that
+    # the user sets, the session's folder on Linux, then any other one.
     given_folder = os.environ.get("PB_RUNTIME_DIR")
     session_folder = os.environ.get("XDG_RUNTIME_DIR") if sys.platform == "linux" else None
     if given_folder:

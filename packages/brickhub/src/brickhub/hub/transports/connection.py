@@ -323,7 +323,8 @@ class HubConnection:
         await self.command(
             bytes((PybricksCommand.STOP_USER_PROGRAM,)), "write the command that stops the program"
         )
-        # The acknowledgement says that the command has arrived, and a report that the motors stand.
+        # The acknowledgement only says that the command has arrived; that the motors stand, a
+        # report says.
         has_ended = await self._wait_for(lambda: not self.is_running, self._answer_timeout_s)
         if not has_ended:
             raise HubTimeoutError("the program on the hub does not stop; press the hub's button")

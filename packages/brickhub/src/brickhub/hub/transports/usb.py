@@ -145,7 +145,6 @@ _READ = 3
 _RESPONSE = 1
 _EVENT = 2
 _VALUE = 3
-# A characteristic belongs to the Bluetooth standard's service or to that of Pybricks.
 _STANDARD = 1
 _PYBRICKS = 2
 _RESPONSE_BODY = struct.Struct("<BI")

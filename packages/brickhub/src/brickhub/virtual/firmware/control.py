@@ -168,8 +168,8 @@ def _stalls(
     speed: int,
     reference_speed: int,
 ) -> bool:
-    # The speeds are mirrored to a forward move: a motor that is pushed backward is slow, however
-    # fast it turns.
+    # A motor that is pushed backward counts as slow, however fast it turns, so the speeds are
+    # mirrored to a forward move.
     if reference_speed < 0:
         reference_speed = -reference_speed
         speed = -speed
@@ -573,7 +573,7 @@ class Controller:
         if integrator.running is (at_limit or paused_by_other):
             integrator.toggle(time, error)
         self._stalled = integrator.is_stalled(time, speed, reference_speed)
-        # `load()` tells this torque, smoothed over 20 steps.
+        # `load()` must not jump with each step, so the torque is smoothed over 20 of them.
         self.pid_average = trunc((self.pid_average * 95 + torque * 5) / 100)
         if self.log.is_active:
             # These are computed a second time, so that a step without a log does not pay for them.
@@ -656,7 +656,7 @@ class Controller:
         then: OnCompletion,
     ) -> None:
         self.trajectory = trajectory
-        # `wu` is in ddeg/s and the limit in mdeg/s.
+        # The factor 100 is needed because `wu` is in ddeg/s and the limit in mdeg/s.
         self._is_fast = abs(trajectory.wu) * 100 >= self.settings.kp_low_speed
         self.on_completion = then
         # A timed move that ends in HOLD is left out, because its end has a step of its own in

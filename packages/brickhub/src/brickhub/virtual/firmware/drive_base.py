@@ -478,7 +478,7 @@ class DriveBaseControl:
     def _angles(self) -> tuple[Angle, Angle]:
         """Distance and heading as the firmware stores them."""
         distance, heading = self._wheel_angles()
-        # The gyroscope has a zero of its own.
+        # The gyroscope has a zero of its own, so the heading is not that of the wheels.
         if self._uses_gyro:
             heading = self._gyro.angle(self.heading.settings.steps_per_unit)
         else:

@@ -225,8 +225,8 @@ class Observer:
                 friction_cutoff=_FRICTION_CUTOFF,
             )
         )
-        # The nine entries are in one tuple, which a step unpacks at once. The column of the torque
-        # is apart: friction is nearly always the full one, whose effect is computed here.
+        # One tuple of all nine entries is unpacked at once in a step. The column of the torque is
+        # apart, because friction is nearly always the full one, whose effect is computed here.
         self._rows = *model.angle[:3], *model.speed[:3], *model.current[:3]
         self._friction_unm = model.friction_unm
         self._friction_columns = model.angle[3], model.speed[3], model.current[3]
@@ -303,7 +303,6 @@ class Observer:
             voltage = MAX_VOLTAGE_MV
         elif voltage < -MAX_VOLTAGE_MV:
             voltage = -MAX_VOLTAGE_MV
-        # Dry friction acts against the motion.
         cutoff = self._friction_cutoff
         if -cutoff <= speed <= cutoff:
             slip, friction, drop = self._friction(trunc(abs(speed) * self._friction_unm / cutoff))

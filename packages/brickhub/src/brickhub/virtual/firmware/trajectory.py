@@ -403,7 +403,8 @@ def _join_ramps(
 ) -> None:
     """Let the ramps meet without a cruise, for an angle that is too small for the target speed."""
     if keep_running and tr.a0 > 0:
-        # The motor speeds up to the very end, and goes on with the speed that it has reached there.
+        # The motor never reaches the target speed, so it speeds up to the very end and goes on with
+        # the speed that it has there.
         tr.w1 = tr.w3 = _start_speed(0, tr.a0, tr.th3 - origin)
         tr.th1 = tr.th2 = tr.th3
     elif keep_running:
@@ -454,8 +455,8 @@ def _forward_time(command: TrajectoryCommand) -> Trajectory:
         # The ramps overlap, so they meet below the target speed without a cruise between them.
         cruise = 0
         if command.keep_running and a0 > 0:
-            # The motor speeds up to the very end, and goes on with the speed that it has reached
-            # there.
+            # The motor never reaches the target speed, so it speeds up to the very end and goes on
+            # with the speed that it has there.
             t1 = t3
             w1 = w3 = w0 + _speed_gain(a0, t3)
         else:

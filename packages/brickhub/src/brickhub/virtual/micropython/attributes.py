@@ -346,7 +346,7 @@ def with_keywords(function: Any) -> Any:
     has_named = first_with_name != code.co_argcount
     if not (has_named or code.co_kwonlyargcount or takes_any_keyword):
         return _without_keywords(function)
-    # Functions with other kinds of arguments look for them in ways of their own.
+    # Functions with other kinds of arguments look for them in their own ways, and are left alone.
     is_special = takes_any_number or takes_any_keyword
     if is_special or code.co_posonlyargcount or code.co_kwonlyargcount:
         return function

@@ -184,7 +184,7 @@ def _stream_functions(console: Console) -> dict[str, Any]:
             line = sep.join(map(text, values)) + end
             console.write(cooked(line.encode()))
             return
-        # A stream of the program gets each piece by itself.
+        # A program's stream may tell the pieces apart, so each is written by itself.
         for index, value in enumerate(values):
             if index:
                 write_text(file, sep)
@@ -209,7 +209,8 @@ def _stream_functions(console: Console) -> dict[str, Any]:
                 console.write(key.encode())
             elif key in _BACKSPACES and line:
                 line = line[:-1]
-                # The cursor goes one to the left, and the rest of the line is erased.
+                # A terminal erases a character by going one to the left and erasing the rest of the
+                # line.
                 console.write(b"\b\x1b[K")
         console.write(b"\r\n")
         return line
@@ -318,7 +319,7 @@ def _run(
     globals: dict[str, Any] | None,
     locals: Any,
 ) -> Any:
-    # The frame is that of the program which called `eval` or `exec`.
+    # This frame, two calls up, is that of the program which called `eval` or `exec`.
     frame = sys._getframe(2)
     if not (isinstance(globals, dict | None) and isinstance(locals, dict | None)):
         raise TypeError

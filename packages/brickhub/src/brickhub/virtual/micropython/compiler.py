@@ -126,7 +126,7 @@ class _Loser(ast.NodeTransformer):
         self.generic_visit(node)
         name = node.target.id
         reads = self._scopes[-1].reads
-        # This is the scope around the innermost one, or that one itself at the top level.
+        # At the top level there is only one scope, which then stands for the one around it.
         around = self._scopes[-2:][0]
         # Only a comprehension has `reads`, and only a function loses assignments.
         if reads is None or around.keeps or name in around.declared:
@@ -333,7 +333,6 @@ def _with_names_of_hub(
 ) -> CodeType:
     """Name comprehensions, which `transform` makes generators, as a hub does, and undo name
     mangling, which it does not have, of names that are not among the ``words`` of the source."""
-    # The code of a function is a constant of the code around it.
     constants = tuple(
         _with_names_of_hub(constant, mangled, words) if isinstance(constant, CodeType) else constant
         for constant in code.co_consts

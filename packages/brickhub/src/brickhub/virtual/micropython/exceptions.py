@@ -63,7 +63,7 @@ _OPERATORS = {
     "<=": "__le__",
     ">": "__gt__",
     ">=": "__ge__",
-    # An operation in place falls back to the plain one, and a message names that.
+    # A hub falls back from an operation in place to the plain one, which its message then names.
     "+=": "__add__",
     "-=": "__sub__",
     "&=": "__and__",

@@ -135,7 +135,8 @@ def _size_and_parts(value: Any) -> tuple[int, Iterable[Any]]:
         case list():
             return _with_block(_REFERENCE_BYTES * _slots(value)), value
         case tuple():
-            # The items stand in the object itself, behind its class and their number.
+            # A tuple has no block beside the object, because its items stand in it, behind its
+            # class and their number.
             items_bytes = _REFERENCE_BYTES * len(value)
             return _blocks(8 + items_bytes), value
         case dict():
@@ -166,7 +167,7 @@ def _size_and_parts(value: Any) -> tuple[int, Iterable[Any]]:
 def _size_and_parts_of_function(function: FunctionType) -> tuple[int, Iterable[Any]]:
     cells = function.__closure__ or ()
     defaults = function.__defaults__ or ()
-    # A closure is an object beside its function.
+    # A closure takes a second object beside its function.
     objects = 2 if cells else 1
     return objects * BLOCK_BYTES, (*cells, *defaults)
 

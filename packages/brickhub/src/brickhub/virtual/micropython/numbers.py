@@ -270,7 +270,7 @@ class _Layout:
             return as_bytes(value)
         if code in "efd":
             number = to_single(_as_float(value))
-            # CPython refuses such a number.
+            # CPython would refuse to pack a number that a hub stores as infinity.
             if code == "e" and abs(number) >= _HALF_INFINITE:
                 return math.copysign(math.inf, number)
             return number

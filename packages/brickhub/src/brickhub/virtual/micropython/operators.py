@@ -149,7 +149,7 @@ def _wrong_digits(text: str, base: int) -> ValueError:
     if base != 0 and not 2 <= base <= 36:
         return ValueError("int() arg 2 must be >= 2 and <= 36")
     digits = re.sub(r"^\s*[-+]?", "", text)
-    # The message contains the base that the prefix tells, and the digits behind it.
+    # The message depends on the base, which with 0 is the one that the prefix tells.
     if base == 0:
         base = _BASES.get(digits[:2].lower(), 10)
         digits = digits if base == 10 else digits[2:]

@@ -36,7 +36,7 @@ _ESCAPES = {"b": "\b", "f": "\f", "n": "\n", "r": "\r", "t": "\t"}
 _SPACES = " \t\n\r\v\f"
 _NO_KEY = object()
 _SYNTAX_ERROR = "syntax error in JSON"
-# These are the numbers in `py/stream.h`.
+# Programs compare with the numbers of `py/stream.h`.
 _POLLIN = 1
 _POLLOUT = 4
 _POLLERR = 8

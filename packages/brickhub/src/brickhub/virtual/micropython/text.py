@@ -63,7 +63,7 @@ _SPEC = re.compile(
     r"(?P<separator>[,_])?(?:\.(?P<precision>\d+)?)?(?P<code>[bcdeEfFgGnosxX%])?",
     re.DOTALL,
 )
-# Programs format in loops, with the few specifications that stand in their source.
+# Parsing is cached, because programs format in loops, with the few specifications in their source.
 _parsed = functools.lru_cache(maxsize=256)(_SPEC.fullmatch)
 _INTEGER_CODES = ("", *"bcdnoxX")
 _FLOAT_CODES = ("", *"eEfFgGn%")
@@ -141,7 +141,7 @@ def type_name(kind: type) -> str:
 
 
 def _address(value: object) -> str:
-    # The memory of the hubs' processors begins at 0x20000000.
+    # Addresses look like a hub's, whose memory begins at 0x20000000.
     return f"{0x20000000 + id(value) % 0x50000:x}"
 
 
@@ -346,7 +346,7 @@ def format_value(value: object, spec: str) -> str:
     if sign and code == "c":
         raise ValueError("sign not allowed with integer format specifier 'c'")
 
-    # Numbers are aligned to the right, and filled with zeros behind their sign.
+    # The alignment of numbers is to the right by default, with zeros behind their sign.
     is_number = isinstance(value, int | float)
     if match["align"]:
         align = match["align"]
@@ -551,7 +551,6 @@ def percent(template: Any, values: object) -> Any:
             return "%"
         if code is None:
             raise ValueError("incomplete format")
-        # This key lacks its closing bracket.
         if code == "(":
             raise ValueError("incomplete format key")
         key = match["key"]

@@ -666,7 +666,7 @@ class _Transformer(ast.NodeTransformer):
         first = node.body[0]
         turn = call("@turn", ast.Constant(None), at=first)
         node.body.insert(0, _statement(turn, first))
-        # The loop ends with this branch.
+        # A hub branches once more when a loop ends.
         branch = call("@branch", ast.Constant(None), at=node)
         return [node, _statement(branch, node)]
 

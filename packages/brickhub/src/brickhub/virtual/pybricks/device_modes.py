@@ -34,7 +34,7 @@ _NOTHING_NEAR = -1
 _ECHO_US_PER_MM = 2 / 0.343
 """There and back, at the speed of sound, 0.343 mm/us."""
 _MAX_ECHO_US = 14_577
-# Each force sensor has values of its own, as CALIB reports; these are of one sensor.
+# CALIB reports these values, which each force sensor has for itself; they are of one sensor.
 _FORCE_RELEASED_RAW = 384
 _FORCE_MAX_RAW = 701
 _BOOST_FULL_RAW = 440
@@ -109,7 +109,7 @@ class Plug:
         ``get_hsv_data``)."""
         raw = self.raw_rgb(is_boost)
         if is_boost:
-            # The product and the division by 2048 turn 440 into 255.
+            # The firmware multiplies and shifts, which turns 440 into 255 without a division.
             red, green, blue = (1187 * channel // 2048 for channel in raw)
             hue, saturation, value = _hsv_of_bytes(red, green, blue)
             return hue, saturation, value * (200 - value) // 100
@@ -234,7 +234,6 @@ def _hsv_of_bytes(
     accurate (``pb_color_map_rgb_to_hsv``)."""
     largest = max(red, green, blue)
     chroma = largest - min(red, green, blue)
-    # Each of the three cases covers a sixth of the circle to either side of the largest channel.
     if not chroma:
         hue = 0
     elif largest == red:

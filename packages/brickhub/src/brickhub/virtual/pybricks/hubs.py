@@ -31,7 +31,6 @@ _IDLE_CURRENT_MA = 100
 _ROOM_TEMPERATURE_MDEG = 25_000
 _SIZE = 5
 """Rows and columns of the light matrix."""
-# This many clockwise quarter turns bring a side of the hub to the top of the picture.
 _QUARTER_TURNS = {"TOP": 0, "FRONT": 0, "RIGHT": 1, "BOTTOM": 2, "BACK": 2, "LEFT": 3}
 _MAX_BRIGHTNESS = 100
 _MAX_FRAMES = 255
@@ -40,7 +39,7 @@ _MAX_FRAMES = 255
 _NOTE = re.compile(r"(?:R|([A-G])([#b]?)([0-9])?)(/)?(\d\d?)?(\.?)(_?)")
 _FORBIDDEN_NOTES = ("Cb", "B#", "E#", "Fb")
 _SEMITONES = {"C": 0, "D": 2, "E": 4, "F": 5, "G": 7, "A": 9, "B": 11}
-# These are C0 to B0 in hundredths of a Hz; each further octave doubles them.
+# The firmware's table has C0 to B0 in hundredths of a Hz, because each further octave doubles them.
 _LOWEST_OCTAVE_CHZ = (1635, 1732, 1835, 1945, 2060, 2183, 2312, 2450, 2596, 2750, 2914, 3087)
 _MOVED_MESSAGE = b"""Hub messaging has been moved. You should use:\r
 \r
@@ -149,8 +148,6 @@ class LightMatrix(_Timed):
             turned = []
             for row in range(_SIZE):
                 for column in range(_SIZE):
-                    # Turned clockwise, a row of the new picture is a column of the old one, read
-                    # from below.
                     old_row = _SIZE - 1 - column
                     turned.append(pixels[old_row * _SIZE + row])
             pixels = turned
@@ -317,7 +314,6 @@ class Speaker(_Timed):
         tempo: Any = 120,
     ) -> Any:
         remaining = iter(notes)
-        # A bar has four beats, and the tempo is in beats a minute.
         bar_ms = 4 * 60 * 1000 // get_int(tempo)
         return self._play(self._sounds(remaining, bar_ms), self._silence)
 

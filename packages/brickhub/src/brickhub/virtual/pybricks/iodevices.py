@@ -61,7 +61,7 @@ class PUPDevice(Device):
     def read(self, mode: Any) -> Any:
         device_mode = self._checked_mode(mode, "Invalid argument")
         self._release_motor(device_mode.name)
-        # The log of a run has a column for each value, with these names.
+        # A run's log needs a column for each value of the mode.
         name = device_mode.name.replace(" ", "_")
         columns = [name]
         if device_mode.count > 1:

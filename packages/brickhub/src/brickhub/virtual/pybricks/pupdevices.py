@@ -210,7 +210,7 @@ class Log(Native):
         logger.is_active = False
         if path is not None and not isinstance(path, str):
             raise TypeError(f"can't convert '{type(path).__name__}' object to str implicitly")
-        # pybricksdev writes what is between these two lines into a file.
+        # Only what is between these two lines goes into a file, which pybricksdev writes.
         lines = [f"PB_OF:{path or 'log.txt'}"]
         for row in logger.rows:
             lines.append(", ".join(map(str, row)))

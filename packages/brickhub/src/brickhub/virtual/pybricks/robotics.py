@@ -292,7 +292,7 @@ class Car(Native):
     def drive_power(self, power: Any) -> None:
         power_pct = _percentage(power)
         sign = (power_pct > 0) - (power_pct < 0)
-        # A power of 10 to 100 % becomes a duty of 28 to 100 %.
+        # As in the firmware, a power of 10 to 100 % becomes a duty of 28 to 100 %.
         duty_pct = int(power_pct * 8 / 10) + 20 * sign
         for servo in self._drive:
             if abs(power_pct) < _COAST_BELOW_PCT:

@@ -220,7 +220,7 @@ def _menu(context: Context, entries: tuple[Any, ...]) -> Any:
     try:
         selected = 0
         while True:
-            # One press moves by one entry, however long it is.
+            # A press may last for many polls but should move by one entry, so its end is awaited.
             wait_for_buttons(pressed=False)
             down = wait_for_buttons(pressed=True)
             if "center" in down:

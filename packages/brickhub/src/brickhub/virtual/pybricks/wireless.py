@@ -436,7 +436,6 @@ def _encoded_bytes(value: Any) -> int:
         # is a kind of int.
         case bool():
             return 1
-        # An integer takes one, two or four bytes.
         case int():
             if -(2**7) <= value < 2**7:
                 return 2
@@ -487,7 +486,8 @@ def messaging_module(context: Context) -> ModuleType:
             if console.inbox:
                 raise RuntimeError("host rx_buffer already allocated")
             expect_type(get_array(modes), list)
-            # All modes share one buffer, in the order of their numbers.
+            # A program gets slices of one buffer, in which all modes follow each other in the order
+            # of their numbers.
             self._slices: dict[int, tuple[int, int]] = {}
             start = 0
             for pair in sorted(modes):

@@ -479,7 +479,8 @@ class ArenaSimulation(GroupedEnv):
         # Motors need time to speed up, so a part of the last command is still carried out.
         moved = (1.0 - self._lag) * actions + self._lag * self._last_command + noise
         self._last_command = actions
-        # An arc is replaced by its chord, which points to the middle of the two headings.
+        # Driving along the chord of an arc, which points to the middle of the two headings, ends in
+        # the same place.
         left_m, right_m = (moved * self._way_m).unbind(-1)
         x, y, heading = before.poses.unbind(-1)
         turn = (right_m - left_m) / self._track_m

@@ -163,7 +163,7 @@ def push(observation: Tensor) -> Tensor:
     speed = (1.0 - 6.0 * lead.clamp_min(0.0)).clamp(0.1, 1.0)
     ahead = torch.ones_like(y)
     left = 2.0 * home.clamp(-0.3, 0.3)
-    # The error is turned from the world's frame into the robot's.
+    # A robot needs the error in its own frame, so it is turned from the world's.
     own_ahead = ahead * cos + left * sin
     own_left = left * cos - ahead * sin
     steered = steer_towards(own_ahead, own_left)

@@ -70,7 +70,7 @@ def second_camera(view: CameraView) -> HostSensor:
         return _Images(VideoCamera(view), view.image_px)
 
     def in_twin(world: World) -> Any:
-        # One camera serves all readings of a robot.
+        # Rendering is slow, so one camera serves all readings of a robot.
         camera = _Images(TwinCamera(world.body, view), view.image_px)
         device = world.kept.setdefault(view.name, camera)
         return device.read()

@@ -59,7 +59,7 @@ from bricktwin.robots import TWO_WHEELER
 from bricktwin.twin.objects import Field, Line
 from bricktwin.twin.scene import Scene
 
-# An episode ends within these tolerances, by dead reckoning.
+# An episode ends by dead reckoning, so these tolerances allow for its errors.
 PARKED_MM = 15.0
 PARKED_DEG = 4.0
 # These tolerances hold for the true pose if it is known, because wheels slip by about 5 mm on the
@@ -88,7 +88,6 @@ _TURNED = slice(-1, None)
 
 
 def _distance_mm(observation: Tensor) -> Tensor:
-    # These two are how far the target is ahead and to the left.
     position_mm = observation[..., -5:-3]
     distance_mm: Tensor = position_mm.norm(dim=-1, keepdim=True)
     return distance_mm
@@ -104,7 +103,7 @@ def _detour_deg(observation: Tensor) -> Tensor:
     ahead_mm = observation[..., _AHEAD]
     left_mm = observation[..., _LEFT]
     turn_deg = observation[..., _TURN]
-    # Headings are clockwise, which makes the sign negative.
+    # The sign is negative because headings are clockwise, but positions to the left are positive.
     bearing_deg = -left_mm.atan2(ahead_mm).rad2deg()
     forwards_deg = _turns_deg(bearing_deg, turn_deg)
     backwards_deg = _turns_deg(bearing_deg + 180.0, turn_deg)
@@ -169,7 +168,7 @@ def metrics(observations: Tensor) -> dict[str, Tensor]:
 
 _HALF_LENGTH_MM = _BAY[0] / 2
 _HALF_WIDTH_MM = _BAY[1] / 2
-# The bay is open at its back, where the robot drives in.
+# The bay has no line at its back, because the robot drives in there.
 _BAY_LINE = (
     (-_HALF_LENGTH_MM, _HALF_WIDTH_MM),
     (_HALF_LENGTH_MM, _HALF_WIDTH_MM),

@@ -115,7 +115,7 @@ def mean_turn_deg(observations: Tensor) -> Tensor:
     ``[*batch]``."""
     before = observations[..., :-1, :4]
     after = observations[..., 1:, :4]
-    # Angles fall as the Walker walks forwards.
+    # The difference is reversed, because angles fall as the Walker walks forwards.
     turn = before - after
     whole_turns = (turn / 360.0).round_()
     mean = turn.sub(whole_turns, alpha=360.0).mean((-2, -1))
@@ -180,7 +180,8 @@ def walker(
 
     def success(observations: Tensor) -> Tensor:
         mean_reward = gait_reward(observations)[..., 0].mean(-1)
-        # The reward sums the deviations of four pairs of legs, in half turns.
+        # The reward sums the deviations of four pairs of legs in half turns, so the limit is
+        # converted to that.
         trots = mean_reward >= -4.0 * TROT_WITHIN_DEG / 180.0
         turns = mean_turn_deg(observations) >= TURNS_DEG_S * step_ms / 1000.0
         falls = has_fallen(observations)[..., 0].any(-1)

@@ -140,7 +140,7 @@ class Fleet(SpecsEnv):
         self._place = place
         # One person places all robots, one after the other.
         self._placing = threading.Lock()
-        # The newest weights are kept for processes that start later.
+        # A process that starts later needs the newest weights at once.
         self._weights: dict[str, Tensor] | None = None
         self._is_paused = False
         self._is_over = False
@@ -195,7 +195,8 @@ class Fleet(SpecsEnv):
         start = member.starts
 
         def deliver(message: Message | None) -> None:
-            # The number of the start tells the end of a former process from that of its successor.
+            # The number of the start is sent along, to tell the end of a former process from that
+            # of its successor.
             kind, content = ("gone", start) if message is None else message
             self.events.put((member, kind, content))
 

@@ -118,7 +118,8 @@ class Worker:
         env = over(stand_in(config), robot) if config.is_transformed else robot
         load_transform_state(env, begin["transforms"])
         actor = make_learner_for(config, env, device="cpu")
-        # The receiving thread puts new weights there, and the next action takes them.
+        # The deque is shared: the receiving thread puts new weights there, and the next action
+        # takes them.
         actor.weights = self._weights
         # The fleet decides when to give up, because it knows the other robots.
         robot.reconnect.patience_s = float("inf")
@@ -165,7 +166,8 @@ class Worker:
                 frames.append(own_frames[-1])
             columns = [_columns(part) for part in frames]
             self.send("frame", (columns, steps, rollout.rewards[rewards_before:]))
-            # A robot in simulated time waits for the learner.
+            # In simulated time a robot waits for the learner, because it would otherwise run ahead
+            # of it.
             if begin["is_paced"]:
                 self._next_message("go")
             if self._ended.is_set():

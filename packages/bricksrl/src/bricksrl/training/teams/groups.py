@@ -263,7 +263,7 @@ class SACGroup:
             if (group, name) in part.keys(True):
                 value = part[group, name]  # [copies, time, robots, n]
             else:
-                # Entries of the whole arena, such as the end of the episode, are the same for each
+                # Entries of the whole arena, such as the end of the episode, are repeated for each
                 # robot.
                 value = part[name].unsqueeze(-2)
             n = value.shape[-1]
@@ -331,7 +331,6 @@ def make_group(
     low = torch.tensor([entry.low for entry in env.task.entries])
     high = torch.tensor([entry.high for entry in env.task.entries])
     robots = len(env.task.groups[group])
-    # Each of a robot's two wheels takes a command.
     size = 2
     if agent == "sac":
         return SACGroup(

@@ -239,7 +239,7 @@ def play_team(
     played = []
     for number in range(1, episodes + 1):
         env.set_seed(episode_seed("evaluation", seed, number))
-        # Scripts such as "random" draw from torch's generator.
+        # Scripts such as "random" draw from torch's generator, so the seed makes them repeatable.
         torch.manual_seed(derive_seed(seed, "policy", number))
         with torch.no_grad(), set_exploration_type(ExplorationType.DETERMINISTIC):
             outcomes = [frame["next"] for frame in play(env, policy)]

@@ -108,7 +108,8 @@ def kind_of(
     """Key of equal items of an assembly at a depth of nesting: parts, or sub-assemblies."""
     parts = [plan.parts[part] for part in item]
     nested = parts[0].assembly[depth:]
-    # A sub-assembly's name ends with a colon and which of its copies it is.
+    # A sub-assembly's name ends with a colon and the number of the copy, which must not tell equal
+    # copies apart.
     name = nested[0].rpartition(":")[0] if nested else parts[0].part.number
     return (name, *(placed.colour for placed in parts))
 
@@ -359,7 +360,8 @@ class _Author:
     ) -> float:
         """Distance of a move from its place, LDU: out of all holes, and apart from the parts on
         their way, each shifted [3]."""
-        # The arrow is as long as the deepest of the part's pins and holes.
+        # The arrow must be as long as the deepest of the part's pins and holes, so that the part is
+        # drawn outside of them.
         longest = max(float((end - start) @ move.outward) for start, end in ways)
         distance = longest + _GAP
         for _ in range(_MAX_TRIES):

@@ -52,7 +52,6 @@ _SCALES = tuple(_LIFE_SIZE * 1.15 * 0.84**step for step in range(30))
 _COLOURS = 64
 """Colours of a picture in a PDF; a page in HTML has twice as many."""
 _HTML_DPI = 150
-# The boxes of a page of the list of parts.
 _LIST_COLUMNS = 6
 _LIST_ROWS = 3
 _NOTE_WIDTH = 112
@@ -162,7 +161,7 @@ def pages_of(plan: Plan) -> Iterator[Page]:
     cables = _cables(plan)
     if cables:
         note = "Plug in the cables last, and keep them away from moving parts."
-        # Each line of text takes this much height from the picture above it.
+        # Each cable has a line of text below the picture, which takes this much of its height.
         height = 4.55 - 0.22 * len(cables)
         picture = _fitted(
             studio,
@@ -243,7 +242,7 @@ def _step_page(
             )
         else:
             items.append(Item(picture, len(group), _title(str(kind[0]))))
-    # Bars in life size, and a note, stand below the picture and take height from it.
+    # The picture gets the height that bars in life size and a note leave of the page.
     bars = sum(item.bar is not None for item in items)
     height = 4.7 - 0.36 * bars - (0.25 if step.note else 0.0)
     picture = _fitted(
@@ -339,7 +338,7 @@ def _html(plan: Plan, pages: Iterable[Page]) -> tuple[bytes, int]:
         png = io.BytesIO()
         with rc_context({"text.parse_math": False}):
             _figure(page, number).savefig(buffer, format="png", dpi=_HTML_DPI)
-        # A palette of few colours makes the file a third as large.
+        # Few colours are enough for a drawing, and make the file a third as large.
         image = Image.open(buffer).convert("RGB")
         image = image.quantize(2 * _COLOURS, dither=Image.Dither.NONE)
         image.save(png, format="png", optimize=True)
@@ -608,7 +607,7 @@ def _put(
     width, height = (side / DPI for side in picture.size)
     left = middle[0] - width / 2
     top = middle[1] + height / 2
-    # Matplotlib counts in shares of the page, from its lower left corner.
+    # Matplotlib counts in shares of the page, from its lower left corner, so inches are converted.
     bottom = top - height
     axes = figure.add_axes((left / _WIDTH, bottom / _HEIGHT, width / _WIDTH, height / _HEIGHT))
     axes.set_zorder(len(figure.get_children()))
@@ -701,10 +700,10 @@ def _compass(
 ) -> None:
     """Draw the robot's front and right in a view, which are z and x in a plan."""
     centre = np.array(middle)
-    # The y axis points down in a picture and up on a page.
+    # The y axis is turned round, because it points down in a picture and up on a page.
     to_page = np.array([_COMPASS, -_COMPASS])
     right, front = ((view.axes[:2] @ np.eye(3)[axis]) * to_page for axis in (0, 2))  # [2] each
-    # A square in the plane of the two arrows shows that they lie flat.
+    # Without this square in the plane of the two arrows, nothing would show that they lie flat.
     corners = [
         centre + (across * right + along * front) * 0.45
         for across, along in ((-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1))
@@ -724,7 +723,7 @@ def _compass(
             colour,
             1.2,
         )
-        # The label stands beyond the tip, clear of the arrow's head.
+        # The label stands beyond the tip, because on the arrow's head it could not be read.
         clearance = np.array([0.03 * np.sign(direction[0]), 0.05 * np.sign(direction[1])])
         x, y = (centre + direction * 1.12 + clearance).tolist()
         align = "left" if direction[0] > 0 else "right"
@@ -783,7 +782,6 @@ def _turn_mark(
 
 def _item_column(figure: Figure, items: Sequence[Item]) -> None:
     """The box with the items of a step."""
-    # A row holds a picture with its text below it, in inches.
     row_height = 0.98
     top = _HEIGHT - 0.85
     bottom = top - row_height * len(items) - 0.06
@@ -888,8 +886,8 @@ def _life_size(
         "0.2",
     )
     for module in range(modules):
-        # The bar has the marks of the real part: an axle has them between its modules, a beam has a
-        # hole in the middle of each.
+        # The bar has the marks of the real part, by which a reader counts its modules: an axle has
+        # them between its modules, and a beam has a hole in the middle of each.
         if is_axle and module:
             x = left + module * pitch
             _line(

@@ -69,7 +69,7 @@ def as_text(entries: list[Entry], kind: str) -> str:
         return _bricklink(entries)
     rows: list[list[str | int | float]] = []
     if kind == "rebrickable":
-        # Rebrickable recognises the columns of an uploaded list by these heads.
+        # Rebrickable needs these heads to recognise the columns of an uploaded list.
         for entry in entries:
             rows.append([entry.part.number, entry.colour.rebrickable, entry.count])
         return _table(["Part", "Color", "Quantity"], rows)
@@ -172,13 +172,14 @@ class Purchase:
 @functools.cache
 def sets() -> tuple[LegoSet, ...]:
     """The sets of ``inventories.csv``, which also names the sources."""
-    # A row of the table is a part, and a column a set.
+    # The table has a row for each part and a column for each set, so sets are read from its
+    # columns.
     rows = read_table("bricktwin.plans.catalogue", "inventories")
     keys = [_key(catalogue.get(row["part"])) for row in rows]
     lego_sets: list[LegoSet] = []
     for number, name in NAMES.items():
         counts = [int(row[number]) for row in rows]
-        # The unary plus drops the parts of which a set has none.
+        # The unary plus drops parts with a count of 0, which a set does not have.
         parts = +Counter(dict(zip(keys, counts, strict=True)))
         is_listed = number not in _ELECTRONICS_ONLY
         lego_sets.append(LegoSet(number, name, parts, is_listed))

@@ -201,7 +201,7 @@ def _round(
     radius: float,
 ) -> _Spans:
     """Spans of rays in a ball (three coordinates) or in an endless cylinder (two)."""
-    # |across + depth * along|^2 = radius^2, a quadratic equation for the depth.
+    # The depth solves |across + depth * along|^2 = radius^2, a quadratic equation.
     square = float(along @ along)
     constant = sum(value * value for value in across) - radius**2
     if square < 1e-12:

@@ -141,8 +141,8 @@ def beam(text: str) -> tuple[tuple[Site, ...], tuple[Solid, ...]]:
         _, along, kinds = head.split()
         (axis, thickness) = _axis(along)
         centres = points(places)
-        # A beam is drawn as a bar between each two holes; the tubes around the holes round its
-        # ends.
+        # Bars between the holes are enough, because the tubes around the holes round the ends of
+        # the beam.
         for start, end in itertools.pairwise(centres):
             bars.append(
                 bar(

@@ -27,7 +27,6 @@ from bricktwin.plans.geometry import (
 )
 from bricktwin.plans.part import HOLE_RADIUS, Fit, Gear, GearForm, Part, Site
 
-# Sizes of parts, LDU.
 _STUD_RADIUS = 6.0
 _PIN_RADIUS = 6.0
 _BORE_RADIUS = 4.0
@@ -53,7 +52,6 @@ _MIN_TYRE_MM = 50.0
 """Wheels up to this diameter are of one material."""
 _PLAIN_GEARS = (GearForm.RACK, GearForm.WORM)
 """Gears whose teeth do not stand in a circle; they are drawn by their solids alone."""
-# The beginning of a cable, LDU.
 _CABLE_RADIUS = 5.0
 _CABLE_LENGTH = 14.0
 
@@ -103,7 +101,8 @@ def look_of(part: Part) -> tuple[Piece, ...]:
     if not is_whole:
         pieces = [*_solids(part), *drawn]
     pieces += [Piece(solid, Tint.TURNING) for solid in part.turning]
-    # The order is part of the drawing: where two surfaces coincide, the earlier piece is seen.
+    # The order of what follows is part of the drawing, because where two surfaces coincide the
+    # earlier piece is seen.
     for site in part.sites:
         if site.fit is Fit.STUD:
             pieces.append(
@@ -339,7 +338,7 @@ def _teeth(part: Part) -> Iterator[Solid]:
         width = min(gear.width, 2 * part.solids[0].half[2])
     root = _root(gear)
     tip = gear.pitch_radius + _TOOTH_HEIGHT
-    # The teeth of a crown gear stand on its rim and point along the axis.
+    # The teeth of a crown gear point along the axis, so they stand on its rim and not beyond it.
     if gear.form is GearForm.CROWN:
         root = part.solids[0].half[0] - _TOOTH_HEIGHT - _TOOTH_DEPTH
         tip = part.solids[0].half[0]

@@ -125,7 +125,8 @@ def _without_hidden(solids: Sequence[Solid], surfaces: list[Floats]) -> list[Flo
                 continue
             if other != number:
                 covered |= solid.contains(outer, 0.0)
-            # Where two surfaces coincide, that of the earlier solid stays.
+            # The earlier solid keeps its surface where two coincide, because drawing both would
+            # flicker.
             if other < number:
                 duplicate |= solid.contains(inner, 0.0)
         # A triangle is removed only if all four of its points are hidden, because triangles are

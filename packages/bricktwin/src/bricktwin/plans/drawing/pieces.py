@@ -104,7 +104,6 @@ def hub() -> Piece:
     upper = box(88, 56, 22, radius=2.5).at(0, 0, 5)
     lower = box(86, 54.5, 11, radius=1.5).at(0, 0, -10.5)
     lit, unlit = _lamps()
-    # These shapes stand on the upper face.
     window = extruded(rounded_rectangle(33, 33, 3), 0.8).at(17, 0, 16)
     button = cylinder(6.6, 2.0, bevel=0.6).at(-20, 0, 16.4)
     light = ring(9.4, 6.6, 1.2).at(-20, 0, 16.1)
@@ -190,7 +189,7 @@ def wheel(diameter: float) -> Piece:
     hub_cap = cylinder(6.4, 13, bevel=0.8)
     spoke = box(inner - 5, 4.2, 9.4, radius=0.8).at((inner + 3) / 2, 0, 0)
     spokes = [spoke.turned(Z_AXIS, 60 * step) for step in range(6)]
-    # Everything was drawn about z, as `turned` and `ring` do, and is laid down here.
+    # `turned` and `ring` draw about z, so everything is laid down here at the end.
     return piece(
         black=merge([tyre, *treads]).along(Y_AXIS),
         light_grey=merge([rim, hub_cap, *spokes]).along(Y_AXIS),
@@ -202,7 +201,6 @@ def ultrasonic_sensor() -> Piece:
     """Ultrasonic sensor facing +x, 24 x 56 x 24, centred."""
     case = box(20, 56, 23.6, radius=2.0).at(-2, 0, 0)
     face = extruded(rounded_rectangle(22.5, 55, 10.5), 4, bevel=0.8).along(X_AXIS).at(9.6, 0, 0)
-    # One of the two eyes sends and the other one listens.
     rim = ring(10.2, 7.8, 3.4).along(X_AXIS)
     membrane = turned([(0, 1.6), (3.5, 1.2), (7.8, 0), (7.8, -1), (0, -1)]).along(X_AXIS)
     pupil = cylinder(2.6, 1.0, bevel=0.3).along(X_AXIS)

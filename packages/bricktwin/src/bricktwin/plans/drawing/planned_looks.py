@@ -59,8 +59,8 @@ def looks_of(
     placed_parts = [plan.parts[part] for part in parts]
     motors = [plan.parts[motor] for motor in shafts]
     shapes: list[tuple[str, Shape]] = []
-    # What hides what is decided by our solids, and the shapes of an installed library differ from
-    # these.
+    # Our solids decide what hides what, which would be wrong for the shapes of an installed
+    # library.
     can_hide = ldraw_library.folder() is None
     for placed in placed_parts:
         near = _touching(placed, placed_parts) if can_hide else []
@@ -155,7 +155,8 @@ def _shapes(placed: Placed, *, only_turning: bool) -> list[tuple[str, Shape]]:
     is_motor = device is not None and device.kind is DeviceKind.MOTOR
     shown = []
     for tint, shape in _of_catalogue(placed.part).items():
-        # A motor is drawn twice: its case on one body, its output on another.
+        # The case and the output of a motor are on different bodies, so each is drawn without the
+        # other.
         is_drawn = not is_motor or only_turning is (tint is Tint.TURNING)
         if is_drawn:
             shown.append((colour_name(TINTS.get(tint, main)), shape))

@@ -406,7 +406,8 @@ def _grid(rows: int, columns: int) -> NDArray[np.int32]:
     """Faces of a grid of points whose columns form a closed ring; seen from outside, rows go down
     and columns to the left."""
     row, column = np.meshgrid(np.arange(rows - 1), np.arange(columns), indexing="ij")
-    # Each cell has the corners a and, to its left, b in its row, with c and d below them.
+    # Seen from outside, a cell has the corners a and to its left b, and below them c and d. Their
+    # order makes faces counter-clockwise.
     a = (row * columns + column).ravel()
     b = (row * columns + (column + 1) % columns).ravel()
     c = a + columns

@@ -291,8 +291,7 @@ class _Simplifier:
             if root in order:
                 body_of[link] = order.index(root)
         joints = {number: _joint(self.hinges[number], body_of) for number in (*tree, *loops)}
-        # A shaft's axis points outwards, and clockwise seen from outside is negative about that
-        # axis.
+        # A shaft's axis points outwards, so clockwise, seen from outside, is negative about it.
         flipped = {number: replace(joint, axis=-joint.axis) for number, joint in joints.items()}
         drives = []
         geared = []

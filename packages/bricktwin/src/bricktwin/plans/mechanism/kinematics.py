@@ -133,7 +133,8 @@ def mechanism(plan: Plan, bodies: Bodies) -> Mechanism:
     ratios = np.zeros((len(ordered), len(motors)))
     if ratios.size:
         # The rates of the hinges [hinges, motions] are `ratios` times the rates of the shafts
-        # [motors, motions].
+        # [motors, motions]. The pseudo-inverse solves that also where motors and motions differ in
+        # number.
         rates = np.stack([joint.rates(motions, hinge.parent) for joint, hinge in ordered])
         shaft_rates = np.stack([joint.rates(motions) for joint in motors])
         ratios += np.round(rates @ np.linalg.pinv(shaft_rates), 6)
@@ -180,8 +181,8 @@ def _hinges(plan: Plan, bodies: Bodies) -> list[tuple[BodyJoint, Hinge]]:
     reached = {root}
     hinges = []
     while remaining:
-        # A hinge that reaches a new link belongs to the tree. Once there is none, the next hinge
-        # closes a loop.
+        # Hinges that reach a new link make the tree first, because only once there is none does a
+        # hinge close a loop.
         open_ends = [edge for edge in remaining if (edge[1] in reached) != (edge[2] in reached)]
         edge = (open_ends or remaining)[0]
         remaining.remove(edge)
@@ -279,7 +280,6 @@ def _unit_inertia(part: Part) -> tuple[Floats, Floats]:
     spacing = max(_SPACING, (volume / _MAX_POINTS) ** (1 / 3))
     counts = np.clip(np.ceil((high - low) / spacing), 4, 48).astype(int)
     cell = (high - low) / counts
-    # The points are the middles of the cells along each axis.
     lines = [
         start + size * (np.arange(count) + 0.5)
         for start, size, count in zip(low, cell, counts, strict=True)
@@ -289,7 +289,7 @@ def _unit_inertia(part: Part) -> tuple[Floats, Floats]:
     points = points[part.contains(points, 0.0)]
     centre = points.mean(axis=0)
     offset = (points - centre) * M_PER_LDU
-    # Each point stands for a small box, which has an inertia of its own.
+    # Each point stands for a small box, whose own inertia must not be lost.
     of_cell = np.diag((cell * M_PER_LDU) ** 2 / 12)
     squares = offset.T @ offset / len(points) + of_cell
     # The inertia follows from the second moments S as trace(S) 1 - S.
@@ -405,7 +405,7 @@ def _train(
             ratio = abs(ratios[number])
             is_in_tree = not (hinge.closes_loop or hinge.is_ball)
             is_free = hinge.port is None and is_in_tree and ratio > _MIN_RATIO
-            # A meshing link turns about the axis of its gear; any other hinge of it belongs to a
+            # Only the axis of its gear tells a geared link's ratio; its other hinges belong to a
             # linkage.
             is_of_link = bool(teeth) and is_free and link in (hinge.parent, hinge.child)
             if is_of_link and abs(ratio - _ratio(teeth)) < 0.02 * ratio:
@@ -417,7 +417,7 @@ def _train(
         return _weight(mechanism, number), -len(hinges[number]), -number
 
     output = max(hinges, key=rank)
-    # The teeth give the exact size of a ratio, and the motions its sign.
+    # The size of a ratio is taken from the teeth, which are exact, and its sign from the motions.
     exact: dict[int, float] = {}
     for number, teeth in hinges.items():
         exact[number] = math.copysign(_ratio(teeth), ratios[number])

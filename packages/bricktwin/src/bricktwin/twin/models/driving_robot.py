@@ -118,7 +118,6 @@ class _Frame:
         hub_case = case_of(DeviceKind.HUB, robot.hub.value)
         self.hub_size, self.hub_g = hub_case or _UNKNOWN_HUB
 
-        # The motors lie across the robot, each with its shaft in its wheel.
         _, motor_height, motor_width = self.motor_size
         space = self.half_track - _TYRE_WIDTH_MM / 2
         if self.axle < _CASTER_RADIUS_MM or space < motor_width / 2:
@@ -157,7 +156,8 @@ class _Frame:
             size, mass_g = _motor_case(motor.kind)
             length, height, width = size
             if motor in self.driving:
-                # The shaft is on the axle, 12 mm behind the front of the case.
+                # The wheels are at the origin, so the case is moved back to have its shaft there,
+                # 12 mm behind its front.
                 middle_x = 12.0 - length / 2
                 middle_y = self.driving[motor] * self.motor_y
                 centre = (middle_x, middle_y, self.motor_z)
@@ -236,7 +236,6 @@ class _Frame:
         for motor, side in self.driving.items():
             drawn = _motor(motor.kind, self.motor_size, side)
             parts.append(drawn.at(0, side * self.motor_y, self.motor_z))
-        # The frame has two beams along the robot and two across.
         for side in (1, -1):
             along = pieces.beam(13, "turquoise").turned(X_AXIS, 90)
             parts.append(along.at(-12, side * 20, self.top))
@@ -313,7 +312,7 @@ def _motor(
     origin."""
     draw_motor = _DRAWINGS.get(kind.model.like or kind.value)
     if draw_motor is not None:
-        # Our drawings have the shaft on the left side.
+        # Our drawings have the shaft on the left side, so the right motor is turned.
         motor = draw_motor()
         return motor if side > 0 else motor.turned(X_AXIS, 180)
     length, height, width = size

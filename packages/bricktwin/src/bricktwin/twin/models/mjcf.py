@@ -86,7 +86,8 @@ def add_motor(
         target=joint.name,
         trntype=mujoco.mjtTrn.mjTRN_JOINT,
     )
-    # The shaft's torque is torque_nm_v * voltage - drag_nm_s * speed.
+    # MuJoCo's affine actuator is used as a motor: torque = torque_nm_v * voltage - drag_nm_s *
+    # speed.
     actuator.gear[0] = gear
     actuator.gaintype = mujoco.mjtGain.mjGAIN_FIXED
     actuator.biastype = mujoco.mjtBias.mjBIAS_AFFINE
@@ -164,7 +165,7 @@ def add_rotor(
         type=mujoco.mjtJoint.mjJNT_HINGE,
         axis=list(axis),
     )
-    # The inertia of the rotor itself is the armature of its joint.
+    # The joint's armature already holds the rotor's inertia, so the body adds almost none.
     rotor.explicitinertial = True
     rotor.mass = 0.002
     rotor.inertia = [1e-7, 1e-7, 1e-7]
@@ -367,7 +368,8 @@ def add_camera(
 ) -> None:
     """Add a camera that looks at a point of a body's frame from a direction; on a moving body it
     follows without turning."""
-    # A camera's axes point to the right, up, and away from what it sees; its horizon is level.
+    # MuJoCo's cameras look along -z, so their axes point to the right, up, and away from what they
+    # see. The horizon stays level.
     backward = np.array(direction) / np.linalg.norm(direction)
     right = np.cross((0.0, 0.0, 1.0), backward)
     right /= np.linalg.norm(right)
@@ -511,7 +513,7 @@ def _floor_tile() -> NDArray[np.uint8]:
     line = np.arange(256) % 128 < 1
     tone[line, :] = 186
     tone[:, line] = 186
-    # A little blue makes the grey cooler.
+    # A little blue keeps the grey from looking warm.
     image = np.stack([tone, tone + 2, tone + 5], axis=-1)
     return image.astype(np.uint8)
 
@@ -520,7 +522,7 @@ def _brick_tile() -> NDArray[np.uint8]:
     """Wall texture of two staggered courses of bricks."""
     rows = np.arange(64)[:, None]
     columns = np.arange(128)[None, :]
-    # Bricks are 64 x 32 pixels, and every second course is shifted by half a brick.
+    # Every second course is shifted by half a brick, as in a real wall; bricks are 64 x 32 pixels.
     shift = np.where(rows < 32, 0, 32)
     bed_joint = rows % 32 < 2
     head_joint = (columns + shift) % 64 < 2

@@ -141,7 +141,7 @@ def mount_sensor(
         drawing = _force_sensor(size)
         return drawing.turned(axis, angle_deg).at(*eye.tolist())
 
-    # All other sensors look out of one of their large sides.
+    # Other sensors look out of one of their large sides, so the shortest side lies along the gaze.
     depth = min(size)
     middle = eye - gaze * depth / 2
     is_sonar = sensor.kind.model.range_mm is not None
@@ -168,8 +168,8 @@ def add_sensor_site(
     the contacts near it."""
     pose = {"name": site_name(sensor), "pos": at_m.tolist(), "quat": turn}
     if Sense.FORCE in sensor.kind.model.senses:
-        # A touch sensor adds up the forces of all contacts in its site, which is a box around the
-        # button.
+        # MuJoCo's touch sensor adds up the contacts within its site, so the site is a box around
+        # the button alone.
         chassis.add_site(
             type=mujoco.mjtGeom.mjGEOM_BOX,
             size=[0.012] * 3,

@@ -367,7 +367,8 @@ class _Builder:
         """Set the end stops of a motor: where parts of the robot collide; with a range, at most a
         little beyond it."""
         if motor.end_stops_deg is not None:
-            # The description or the plan gives these stops, and the loader of models sets them.
+            # The loader of models sets stops that the description or the plan gives, so nothing is
+            # searched for here.
             return
         ends = _range_of_shaft(motor)
         if ends is None:
@@ -404,7 +405,8 @@ class _Builder:
                 f"geared_{joint.child}",
                 f"turn_{joint.child}",
             )
-            # The angle at which a geared body starts follows from that of its motor.
+            # A geared body follows its motor, so it has to start at the angle that belongs to the
+            # motor's.
             drive = next(drive for drive in self.articulation.drives if drive.port == port)
             start_deg = self._start_deg(self.motors[port])
             turned_deg = start_deg - self.planned.device(port).angle_deg
@@ -575,8 +577,8 @@ class _Builder:
             )
         looks = np.array(placed.electric.direction)
         low, high = placed.part.bounds
-        # The eye is at the upper end of the case, at the lower end or in the middle, along each
-        # axis of the part.
+        # A sensor looks out of an end of its case, so its eye is at that end and in the middle of
+        # the other axes.
         lower_or_middle = np.where(looks < -0.5, low, 0.0)
         eye = np.where(looks > 0.5, high, lower_or_middle)
         eye_m = point_m_of(placed.point(eye))
@@ -726,7 +728,6 @@ def _feet(planned: PlannedRobot) -> list[_Foot]:
             cylinders += _cylinders(planned.plan.parts[part])
         if cylinders:
             ends.append(_lower_end(number, cylinders))
-    # The robot stands on those round ends that are near to the floor.
     low_m = min((end.lowest_m for end in ends), default=0.0)
     feet = [end for end in ends if end.lowest_m < low_m + _FOOT_REACH_M]
     # Nothing stands on a single foot.
@@ -767,7 +768,6 @@ def _cylinders(placed: Placed) -> Iterator[_Cylinder]:
 def _lower_end(body: int, cylinders: list[_Cylinder]) -> _Foot:
     """Lower end of a leg: its lowest cylinder, as long as all those in line with it together."""
     lowest = min(cylinders, key=lambda cylinder: cylinder.centre_m[2] - cylinder.radius_m)
-    # These are the places of both ends of each cylinder, counted from the centre of the lowest.
     along_m = []
     for cylinder in cylinders:
         if not cylinder.is_in_line_with(lowest):

@@ -120,7 +120,7 @@ def _add_block(
             is_round=block.round,
         )
         return
-    # Something that can be pushed is a body with its own joint, by whose name a reset finds it.
+    # A reset has to find what can be pushed, so that is a body with a joint whose name says so.
     body = world.add_body(
         name=name,
         pos=position,
@@ -177,9 +177,6 @@ def add_geom(
         contype=int(mass_kg > 0),
         conaffinity=1,
     )
-
-
-# ---------------------------------------------------------------- on the floor
 
 
 def _draw_marks(spec: mujoco.MjSpec, marks: Sequence[Mark]) -> None:

@@ -276,7 +276,7 @@ class Renderer(contextlib.AbstractContextManager["Renderer"]):
             self._gl,
             self._context,
         )
-        # The end of the process frees everything anyway.
+        # The end of the process frees everything anyway, and by then the display may be gone.
         self._free.atexit = False
 
     def render(self) -> Image:
@@ -330,7 +330,7 @@ class Renderer(contextlib.AbstractContextManager["Renderer"]):
             categories,
             self._scene,
         )
-        # The sky belongs to the background.
+        # A picture of moving parts alone must not have the sky, which belongs to the background.
         has_sky = categories != mujoco.mjtCatBit.mjCAT_DYNAMIC
         self._scene.flags[mujoco.mjtRndFlag.mjRND_SKYBOX] = has_sky
         if self._decorate is not None:
@@ -505,7 +505,7 @@ def _open_context(
     asked_for = os.environ.get("MUJOCO_GL", "")
     backend = asked_for.lower().strip() or _choose_backend()
     if backend:
-        # MuJoCo's library reads this variable when it loads OpenGL's functions.
+        # MuJoCo reads this variable when it loads OpenGL's functions, so it has to be set before.
         os.environ["MUJOCO_GL"] = backend
     if backend in _DISABLED:
         asked = os.environ.get(ASKED_GL, backend)
@@ -525,8 +525,8 @@ def _open_context(
         gl.make_current()
         context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100)
     except Exception as error:
-        # Libraries fail with different errors: ImportError, AttributeError, RuntimeError, or those
-        # of ctypes and GL.
+        # All errors are caught, because libraries fail with different ones: ImportError,
+        # AttributeError, RuntimeError, or those of ctypes and GL.
         name = backend or "the system's OpenGL"
         raise RenderingUnavailableError(
             f"nothing can be drawn with {name} ({message_of(error, 120)}); {_REMEDY}"
@@ -537,7 +537,8 @@ def _open_context(
 
 def _choose_backend() -> str:
     """OpenGL library if the user named none; empty for MuJoCo's default."""
-    # With a window system, and on other systems, MuJoCo's own choice works.
+    # MuJoCo's own choice works with a window system, and on other systems, so only a Linux without
+    # one needs ours.
     has_windows = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
     if not sys.platform.startswith("linux") or has_windows:
         return ""

@@ -145,7 +145,7 @@ class RayCaster:
             facing = np.clip(cosines, 0.0, 1.0)[:, None]
             diffuse = facing * model.light_diffuse[lamp]
             light = light + model.light_ambient[lamp] + diffuse
-        # The sky shines by itself.
+        # The sky is not lit, because it shines by itself.
         light[hits < 0] = 1.0
         # The lit colour is clipped to white before the texture is applied, as OpenGL does.
         lit = np.clip(self._colours[hits] * light, 0.0, 1.0)

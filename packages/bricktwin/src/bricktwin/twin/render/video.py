@@ -184,7 +184,6 @@ class Room:
     def _robot(self) -> tuple[float, float, float]:
         """The point at which the camera should look, m."""
         if not self._moves:
-            # The camera aims at the middle of an arm on its table.
             return 0.04, 0.0, 0.13
         x, y = self._body.data.qpos[:2].tolist()
         if self._place is None:
@@ -308,7 +307,7 @@ class Room:
         focal_px = height / 2 / math.tan(fovy / 2)
         x = float(offset @ right)
         y = float(offset @ up)
-        # Rows of an image count downwards.
+        # Rows of an image count downwards, which reverses the sign of y.
         column = width / 2 + focal_px * x / depth
         row = height / 2 - focal_px * y / depth
         return round(column), round(row)
