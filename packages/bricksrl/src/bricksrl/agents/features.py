@@ -13,6 +13,11 @@ import torch
 from torch import Tensor, nn
 from torchrl.envs.utils import ExplorationType, exploration_type
 
+from bricksrl.agents.feature_formula import (
+    FULL_TURN_DEG,
+    scaled_entries,
+    with_circles_and_goals,
+)
 from bricksrl.envs.specs import ObservationLayout
 
 _log = logging.getLogger(__name__)
@@ -147,6 +152,33 @@ class SeenInputs(nn.Module):
         return normalised.to(inputs.dtype)
 
 
+class TensorOperations:
+    """`Operations` of torch."""
+
+    sin = staticmethod(torch.sin)
+    cos = staticmethod(torch.cos)
+
+    @staticmethod
+    def take(values: Tensor, indices: Tensor) -> Tensor:
+        """The values at indices."""
+        return values.index_select(-1, indices)
+
+    @staticmethod
+    def scaled(
+        values: Tensor,
+        scale: Tensor,
+        offset: Tensor,
+    ) -> Tensor:
+        """Values times a factor, plus an offset."""
+        # one pass over them in place of two
+        return torch.addcmul(offset, values, scale)
+
+    @staticmethod
+    def joined(parts: Sequence[Tensor]) -> Tensor:
+        """One part after the other."""
+        return torch.cat(tuple(parts), -1)
+
+
 class ObservationEncoder(nn.Module):
     """Observations ``[*batch, n]`` in physical units to features ``[*batch, size]`` of order one.
 
@@ -221,7 +253,7 @@ class ObservationEncoder(nn.Module):
         goal_scale: list[float] = []
         for goal, _ in pairs:
             if layout.wraps[goal]:
-                periods_deg.append(360.0)
+                periods_deg.append(FULL_TURN_DEG)
                 # half a turn is the largest difference
                 goal_scale.append(1 / 180.0)
             else:
@@ -242,24 +274,11 @@ class ObservationEncoder(nn.Module):
         if self.normalize:
             linear = self.seen.normalised(observation).index_select(-1, self.linear)
         else:
-            selected = observation.index_select(-1, self.linear)
-            linear = torch.addcmul(self.offset, selected, self.scale)
+            linear = scaled_entries(observation, self, TensorOperations)
         # after the scaling, which is the same in each frame: a difference needs no offset
         if self.has_past:
             linear = linear @ self.past_matrix
-        parts = [linear]
-        if self.angle_matrix.shape[1]:
-            angle_rad = observation @ self.angle_matrix
-            parts += [angle_rad.sin(), angle_rad.cos()]
-        if len(self.goal):
-            goal = observation.index_select(-1, self.goal)
-            reached = observation.index_select(-1, self.reached)
-            difference = goal - reached
-            # the shorter way round
-            whole_turns = (difference / self.period).round()
-            shorter = difference - whole_turns * 360.0
-            parts.append(shorter * self.goal_scale)
-        features = torch.cat(parts, -1)
+        features: Tensor = with_circles_and_goals(linear, observation, self, TensorOperations)
         if self.has_past:
             features = features * self.share
         return features
