@@ -240,12 +240,7 @@ def _unknown_option(
         of_all = [*ARGUMENTS["simulation"], *TRANSFORMS]
     own = f"its task has {', '.join(of_task) or 'none'}"
     all_have = f"all environments like it have {', '.join(of_all)}"
-    # These are Python's own words, which somebody would search for.
-    python_message = f"unexpected keyword argument '{option}'"
-    return (
-        f"{env_id} has no option {option}{hint(option, [*of_task, *of_all])}; {own}, "
-        f"{all_have} ({python_message})"
-    )
+    return f"{env_id} has no option {option}{hint(option, [*of_task, *of_all])}; {own}, {all_have}"
 
 
 def registration(env_id: str) -> Registration:
