@@ -21,7 +21,7 @@ _MAX_OFFSET = 1.2
 """Largest distance of a pin from the axis of its hole, LDU."""
 _MAX_TILT = 0.03
 """Sine of the largest angle between a pin and its hole."""
-# The same limit where a pin only needs room: real parts give way.
+# A pin that only needs room gets these wider limits, because real parts give way.
 _MAX_LOOSE_OFFSET = 2.5
 """LDU."""
 _MAX_LOOSE_TILT = 0.1
