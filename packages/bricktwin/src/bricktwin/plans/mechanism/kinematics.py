@@ -211,7 +211,7 @@ def _hinges(plan: Plan, bodies: Bodies) -> list[tuple[BodyJoint, Hinge]]:
 
 
 def _is_same_axis(joint: BodyJoint, other: BodyJoint) -> bool:
-    """Whether two joints between the same two bodies are one hinge; a ball joint is none."""
+    """Whether two joints between the same two bodies are one hinge. A ball joint never is."""
     if joint.is_ball or other.is_ball:
         return False
     return lines_coincide(
