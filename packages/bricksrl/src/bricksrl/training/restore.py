@@ -53,7 +53,7 @@ def load_state(
     try:
         load_transform_state(env, state["transforms"], frozen=frozen)
     except Exception as error:  # noqa: BLE001
-        # - transforms of any kind refuse in any way
+        # A transform of any kind may refuse in any way.
         misfit = error
     identity = identity_of(config, env)
     # The digest says that the file is whole, and not who wrote it. A stranger's may hold anything,

@@ -32,7 +32,6 @@ if TYPE_CHECKING:
     from bricktwin.plans.plan import Placed, Plan
     from bricktwin.plans.planned_robot import PlannedRobot
 
-# How far a description and its plan may be apart.
 _WHEEL_TOLERANCE_MM = 0.5
 """Largest difference of a wheel's diameter, mm."""
 _TRACK_TOLERANCE_MM = 2.0
