@@ -24,7 +24,7 @@ from brickhub.entry import Entry
 from bricksrl.agents import preset
 from bricksrl.agents.learner import Learner
 from bricksrl.agents.replay.augmentation import MirrorRows
-from bricksrl.agents.search.gait import bounds
+from bricksrl.agents.search.posterior import bounds
 from bricksrl.envs.env_interface import interface_of
 from bricksrl.envs.registry import get_task
 from bricksrl.envs.specs import ObservationLayout

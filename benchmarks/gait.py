@@ -24,7 +24,8 @@ from benchmarks.learning import has_made
 from benchmarks.scripted import CONTROLLERS
 from benchmarks.session import Session
 from benchmarks.stopping import StopWhen
-from bricksrl.agents.search.gait import PolicySearch, Posterior, bounds, embedded
+from bricksrl.agents.search.gait import PolicySearch
+from bricksrl.agents.search.posterior import Posterior, bounds, embedded
 from bricksrl.training import TrainConfig, train
 
 STEPS, EPISODES, SEED, FIRST_SEED = 300, 2, 4711, 100

@@ -48,7 +48,7 @@ from brickhub.hub.link.lockstep import HubLink
 from brickhub.target import whole_interface
 from brickhub.virtual.virtual_transport import VirtualHub
 from bricksrl.agents import make_learner, preset
-from bricksrl.agents.search.gait import Posterior, embedded
+from bricksrl.agents.search.posterior import Posterior, embedded
 from bricksrl.envs.registry import get_task
 from bricksrl.envs.rollout import play, play_episodes, seed_episode
 from bricksrl.evaluation import evaluate

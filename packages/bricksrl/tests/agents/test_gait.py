@@ -16,14 +16,8 @@ from torchrl.envs.utils import ExplorationType, set_exploration_type
 import bricksrl
 from brickhub.entry import Entry
 from bricksrl.agents import make_learner, preset
-from bricksrl.agents.search.gait import (
-    LEVEL,
-    REACH,
-    GaitSettings,
-    PolicySearch,
-    Posterior,
-    embedded,
-)
+from bricksrl.agents.search.gait import GaitSettings, PolicySearch
+from bricksrl.agents.search.posterior import LEVEL, REACH, Posterior, embedded
 from bricksrl.agents.search.structures import oscillators
 from bricksrl.envs import make
 from bricksrl.errors import DescriptionError, RunError, UnknownNameError
