@@ -196,9 +196,9 @@ def _parse(
     prog = " ".join([line.prog, *words])
     config = (FlagCreatePairsOff,)
     if not words:
-        overview = _listing(line.commands)
+        overview = _listing(line, line.commands)
         for name, (text, commands) in line.groups.items():
-            overview.command(_listing(commands), name=name, help=text)
+            overview.command(_listing(line, commands), name=name, help=text)
         return overview.cli(
             prog=prog,
             description=line.description,
@@ -211,7 +211,7 @@ def _parse(
         text, commands = line.groups[words[0]]
         # A group alone: what it lacks is a command, and its help lists them.
         if len(words) == 1:
-            listing = _listing(commands)
+            listing = _listing(line, commands)
             return listing.cli(
                 prog=prog,
                 description=text,
@@ -229,12 +229,13 @@ def _parse(
     )
 
 
-def _listing(commands: Mapping[str, str]) -> SubcommandApp:
+def _listing(line: CommandLine, commands: Mapping[str, str]) -> SubcommandApp:
     """A parser of commands, with the first line of their help."""
     app = SubcommandApp()
     for name, place in commands.items():
         module, _, class_name = place.partition(":")
-        register = app.command(name=name, help=_summaries(module)[class_name])
+        summary = _spelled(line, _summaries(module)[class_name])
+        register = app.command(name=name, help=summary)
         # It is never called: whoever names a command gets that command's own parser.
         register(lambda: None)
     return app
@@ -269,7 +270,11 @@ def _load(place: str) -> type:
 
 def _help(line: CommandLine, command: type) -> str:
     """Help of a command, whose examples name the program as it was called."""
-    text = cleandoc(command.__doc__ or "")
+    return _spelled(line, cleandoc(command.__doc__ or ""))
+
+
+def _spelled(line: CommandLine, text: str) -> str:
+    """A text whose examples name the program as it was called."""
     for begin, here in line.spelling.items():
         # Only examples, which are indented, and what stands in backquotes: not words of sentences.
         text = re.sub(

@@ -57,7 +57,7 @@ _SETTINGS = existing_file("the settings", DescriptionError, SETTINGS_REMEDY)
 
 FilmFlag = Annotated[
     bool,
-    option(help="Film a virtual robot before and after the training, unless --no-film is given."),
+    option(help="Do not film a virtual robot before and after the training."),
 ]
 """``--no-film``."""
 
