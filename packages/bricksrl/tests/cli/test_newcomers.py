@@ -136,6 +136,11 @@ def test_file_with_a_robot_alone_is_told_from_one_whose_plan_is_missing(
     fails("check", "no_plan.py", says=f"rover.ldr: No such file or directory in {tmp_path}; name")
 
 
+def test_run_in_place_of_an_environment_is_told(fails, tmp_path):
+    (tmp_path / "config.json").write_text("{}")
+    fails("train", str(tmp_path), says=f"is a run; `bricksrl resume {tmp_path}` goes on with it")
+
+
 def test_more_copies_than_this_computer_has_room_for_are_refused(fails, tmp_path):
     most = COPIES_PER_CORE * (os.cpu_count() or 1)
     words = ("train", "Walker-v1", "--num-envs", str(most + 1), "--run", str(tmp_path / "run"))
