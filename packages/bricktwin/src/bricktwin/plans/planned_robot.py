@@ -13,7 +13,7 @@ from bricktwin.plans.bodies import find_bodies
 from bricktwin.plans.building import Occupancy
 from bricktwin.plans.connections import connections, meshes
 from bricktwin.plans.geometry import M_PER_LDU, rotation
-from bricktwin.plans.ldraw_text import sources_of
+from bricktwin.plans.ldraw_text import sources_of, unread
 from bricktwin.plans.mechanism.articulation import Articulation, Drive, articulation
 from bricktwin.plans.mechanism.kinematics import TO_TWIN, Train, Wheel, mechanism, trains
 from bricktwin.plans.part import DeviceKind
@@ -52,9 +52,7 @@ def planned_robot(path: Path) -> PlannedRobot:
     try:
         return _planned(path, tuple(sources_of(path)))
     except OSError as error:
-        raise PlanError(
-            f"{path}: {error.strerror or error}; name an LDraw file (.ldr, .mpd or .io)"
-        ) from None
+        raise unread(path, error) from None
 
 
 @functools.lru_cache(maxsize=16)
