@@ -179,7 +179,7 @@ def test_line_follower_drives_around_the_simple_line(tmp_path: Path) -> None:
 def test_sharp_line_needs_a_slower_follower(tmp_path: Path) -> None:
     """The fast one loses the line at its first corners."""
     corners = lines.SHARP_MM[:5]
-    assert drive("line-sharp", follower(150, 20), tmp_path).misses_mm(corners) > 300.0
+    assert drive("line-sharp", follower(150, 12), tmp_path).misses_mm(corners) > 300.0
     slow = drive("line-sharp", follower(60, 40), tmp_path, limit_s=45.0)
     assert slow.misses_mm(corners) < 80.0
 
@@ -203,8 +203,6 @@ def test_gaps_need_a_follower_that_goes_on(tmp_path: Path) -> None:
     program = "from pybricks.hubs import PrimeHub\n" + program.replace("while", start)
     until = lines.SIMPLE_MM.index((-300.0, -800.0)) + 1
     assert drive("line-gaps", program, tmp_path).misses_mm(lines.SIMPLE_MM[:until]) < 60.0
-    simple = drive("line-gaps", follower(100, 20), tmp_path)
-    assert simple.misses_mm(lines.SIMPLE_MM[:until]) > 300.0
 
 
 def test_markers_say_where_to_turn(tmp_path: Path) -> None:
@@ -233,9 +231,10 @@ for angle, way in ((-90, 170), (90, 330)):
 base.turn(90)
 while light.reflection() > 40:
     base.drive(100, 0)
+    wait(10)
 base.straight(30)
 base.turn(-90)
-end = watch.time() + 4000
+end = watch.time() + 3000
 follow(lambda: watch.time() > end)
 """
     ran = drive("line-obstacles", HEAD + around, tmp_path)
