@@ -39,9 +39,10 @@ from bricksrl.page.scene import (
     poses,
 )
 from bricktwin.plans.drawing import shapes
+from bricktwin.twin.conventions import SHAPE_GROUP
 from bricktwin.twin.linkage import pose_at, sensed_qpos
 from bricktwin.twin.make_body import lies_on_bench
-from bricktwin.twin.models.mjcf import SHAPE_GROUP, overview_of
+from bricktwin.twin.models.mjcf import overview_of
 from bricktwin.twin.mujoco_body import MujocoBody
 from bricktwin.twin.physics import Physics
 from bricktwin.twin.scene import Goal
