@@ -15,7 +15,7 @@ import numpy as np
 
 from bricktwin.plans.geometry import Floats
 from bricktwin.twin.models.mjcf import OBSTACLE_GROUP
-from bricktwin.twin.objects import COLORS, Lamp, Mark
+from bricktwin.twin.objects import COLORS, Lamp, Mark, Picture
 from bricktwin.twin.scene import FLOOR, Scene
 
 Vector = np.ndarray[tuple[int], np.dtype[np.float64]]
@@ -282,9 +282,10 @@ class WorldSenses:
         self._model = model
         self._data = data
         self._scene = scene
-        self._marks: list[tuple[Mark, Floats]] = []
+        self._marks: list[tuple[Mark, Floats | None]] = []
+        """Marks with their colours; ``None`` for a picture, which has many."""
         for mark in scene.marks:
-            rgb = np.array(COLORS[mark.color])
+            rgb = None if isinstance(mark, Picture) else np.array(COLORS[mark.color])
             self._marks.append((mark, rgb))
         self._lamps = [item for item in scene.objects if isinstance(item, Lamp)]
         self._colors: dict[int, tuple[float, float, float]] = {}
@@ -395,7 +396,13 @@ class WorldSenses:
         rgb = self._bare_floor.copy()  # [points, 3]
         # The uppermost mark is the last, and hides those below it.
         for mark, color in self._marks:
-            rgb[mark.covers(points_mm)] = color
+            if not isinstance(mark, Picture):
+                rgb[mark.covers(points_mm)] = color
+                continue
+            for point, (x_mm, y_mm) in enumerate(points_mm.tolist()):
+                pixel = mark.color_at(x_mm, y_mm)
+                if pixel is not None:
+                    rgb[point] = pixel
         # `mean` takes longer for so few points.
         mean = np.add.reduce(rgb) / _POINTS
         red, green, blue = mean.tolist()

@@ -6,6 +6,8 @@ body with two joints, one of which closes a loop. It is drawn as a massless body
 and turned towards the other before rendering.
 """
 
+from dataclasses import dataclass
+
 import mujoco
 import numpy as np
 
@@ -121,14 +123,31 @@ def add_loop(
     constraint.solref = [2 * spec.option.timestep, 1.0]
 
 
+@dataclass(frozen=True)
+class TurningShaft:
+    """Shaft or gear by the numbers of its model: its body, the address of the joint's position that
+    turns it, ratio and axis [3]."""
+
+    body: int
+    address: int
+    ratio: float
+    axis: Floats
+
+
+@dataclass(frozen=True)
+class TurningRod:
+    """Rod by the numbers of its model: its body, and the site of its far pin."""
+
+    body: int
+    far_site: int
+
+
 class TurningParts:
-    """Parts of a model that turn visually only."""
+    """Parts of a model that turn visually only: ``spinners`` and ``rods``."""
 
     def __init__(self, model: mujoco.MjModel) -> None:
-        self._spinners: list[tuple[int, int, float, Floats]] = []
-        """Body, address of the joint's position, ratio and axis [3] of each shaft or gear."""
-        self._rods: list[tuple[int, int]] = []
-        """Body, and site of the far pin of each rod."""
+        self.spinners: list[TurningShaft] = []
+        self.rods: list[TurningRod] = []
         for body in range(model.nbody):
             full_name = model.body(body).name
             # In an arena all names of a robot begin with "ROBOT/".
@@ -141,11 +160,17 @@ class TurningParts:
                 if joint >= 0:
                     ratio, *axis = model.body_user[body, :_SPINNER_USER].tolist()
                     address = int(model.jnt_qposadr[joint])
-                    self._spinners.append((body, address, ratio, np.array(axis)))
+                    shaft = TurningShaft(
+                        body,
+                        address,
+                        ratio,
+                        np.array(axis),
+                    )
+                    self.spinners.append(shaft)
             elif name.startswith(_ROD):
                 far = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, f"{full_name}_far")
                 if far >= 0:
-                    self._rods.append((body, far))
+                    self.rods.append(TurningRod(body, far))
 
     def turn(
         self,
@@ -154,15 +179,15 @@ class TurningParts:
     ) -> None:
         """Turn shafts and gears with their motors' joints, rods to their far pins; positions must
         be up to date, and are so afterwards."""
-        for body, address, ratio, axis in self._spinners:
-            turned = float(data.qpos[address] - model.qpos0[address])
-            angle = ratio * turned
-            mujoco.mju_axisAngle2Quat(model.body_quat[body], axis, angle)
-        for body, far in self._rods:
-            parent = model.body_parentid[body]
+        for shaft in self.spinners:
+            turned = float(data.qpos[shaft.address] - model.qpos0[shaft.address])
+            angle = shaft.ratio * turned
+            mujoco.mju_axisAngle2Quat(model.body_quat[shaft.body], shaft.axis, angle)
+        for rod in self.rods:
+            parent = model.body_parentid[rod.body]
             frame = data.xmat[parent].reshape(3, 3)
-            along_m = data.site_xpos[far] - data.xpos[body]
-            mujoco.mju_quatZ2Vec(model.body_quat[body], along_m @ frame)
+            along_m = data.site_xpos[rod.far_site] - data.xpos[rod.body]
+            mujoco.mju_quatZ2Vec(model.body_quat[rod.body], along_m @ frame)
         # The turns were written into the model; the positions in the data follow from it.
-        if self._spinners or self._rods:
+        if self.spinners or self.rods:
             mujoco.mj_kinematics(model, data)
