@@ -7,7 +7,9 @@ import { isolate, keepForOffline } from "./isolation.js";
 import { FAST, Player } from "./player.js";
 import { errorsOf, Printed } from "./printed.js";
 import { linkOf, Programs, programOf, saveFile } from "./programs.js";
+import { Stage } from "./stage.js";
 
+const ROW = 8; // numbers of a frame before the poses of the robot's bodies
 const byId = (id) => document.getElementById(id);
 const json = async (name) => (await fetch(name)).json();
 
@@ -36,14 +38,26 @@ async function begin() {
         : `Python could not start here (${text}). Load the page again, or try another browser: Chrome, Edge, Firefox 114 or Safari 16.4, or newer.`);
     },
   });
+  const robots = await json("robots.json");
+  const stage = new Stage({
+    robot: byId("robot"), world: byId("world"), view: byId("view"), canvas: byId("scene"), metres: byId("metres"),
+    follow: byId("follow"), home: byId("home"), pull: byId("pull"),
+  }, { robots, onPull: (message) => hub.send(message), onChoice: chooseRobot });
+  // The robot is there first: it is looked at while Python and the editor come.
+  const isNew = !programs.current;
+  const shown = stage.choose(programs.robot || robots[0]?.name, programs.world);
   const [names, devices, examples, { Editor }] = await Promise.all([json("pybricks.json"), json("devices.json"), json("programs.json"), import("./editor.js")]);
+  await shown;
 
   const bench = new Bench(byId("bench"), { devices, onReading: (reading) => hub.send({ kind: "reading", reading }) });
   const board = new Board(byId("hub"), { hubs: devices.hubs, onButton: (message) => hub.send(message) });
   const printed = new Printed(byId("console"));
   const player = new Player({
     allow: (ms) => hub.allow(ms),
-    frame: (row) => bench.turn(row),
+    frame(row) {
+      bench.turn(row);
+      stage.frame(row.subarray(ROW));
+    },
     panel: (panel) => board.show(panel),
     time: showTime,
     caughtUp: finish,
@@ -93,11 +107,19 @@ async function begin() {
     byId("files").replaceChildren();
     byId("save-output").hidden = true;
     board.sound.allow();
-    player.clear(8);
+    player.clear(ROW + stage.width);
     state.set("running");
-    hub.run({ files: programs.files, name: programs.current, readings: bench.settings, stdin: byId("stdin").value });
+    hub.run({ robot: stage.file, files: programs.files, name: programs.current, readings: bench.settings, stdin: byId("stdin").value });
     player.begin();
     setPaused(false);
+  }
+
+  async function chooseRobot(robot, world) {
+    stop();
+    Object.assign(programs, { robot, world });
+    programs.keep();
+    player.clear(ROW);
+    await stage.choose(robot, world);
   }
 
   function stop() {
@@ -143,6 +165,13 @@ async function begin() {
     if (state.isBusy) state.set(isPaused ? "paused" : "running");
   }
 
+  // An example brings the robot that it is for.
+  function takeExample({ name, source, robot, world }) {
+    programs.add(name, source);
+    showProgram();
+    if (robots.some((one) => one.name === robot) || robot === "bench") chooseRobot(robot, world ?? "");
+  }
+
   byId("run").onclick = run;
   byId("stop").onclick = stop;
   byId("pause").onclick = () => {
@@ -170,8 +199,7 @@ async function begin() {
     const example = examples[byId("examples").value];
     byId("examples").value = "";
     if (!example) return;
-    programs.add(example.name, example.source);
-    showProgram();
+    takeExample(example);
   };
   byId("new").onclick = () => {
     programs.add("main.py", "from pybricks.hubs import PrimeHub\nfrom pybricks.tools import wait\n\nhub = PrimeHub()\n\nhub.display.char(\"A\")\nwait(2000)\n");
@@ -197,7 +225,7 @@ async function begin() {
   byId("save").onclick = () => saveFile(programs.current, programs.source);
   byId("save-output").onclick = () => saveFile(programs.current.replace(/\.py$/, ".txt"), printed.text);
   byId("share").onclick = async () => {
-    const link = await linkOf({ name: programs.current, source: programs.source });
+    const link = await linkOf({ name: programs.current, source: programs.source, robot: programs.robot, world: programs.world });
     byId("more").open = false;
     try {
       await navigator.clipboard.writeText(link);
@@ -215,10 +243,13 @@ async function begin() {
   if (shared) {
     programs.add(shared.name ?? "shared.py", shared.source);
     history.replaceState(null, "", location.pathname + location.search);
-  } else if (!programs.current) programs.add(examples[0].name, examples[0].source);
+    if (shared.robot) chooseRobot(shared.robot, shared.world ?? "");
+  } else if (isNew) programs.add(examples[0].name, examples[0].source);
   showProgram();
   if (shared) note("This program came with the link. Look at it, then press Run.");
   if (!hub.hasWayIn) note("This browser, or the address (it needs https), gives no way into a running program: sliders and buttons act from the next run on.");
+  // Who comes for the first time sees what happens here; what somebody else has sent is not run unasked.
+  if (isNew && !shared) run();
   // Tests look whether the page is there.
   document.body.dataset.page = "there";
 }

@@ -6,7 +6,7 @@ export class Programs {
   constructor() {
     this.files = {};
     this.current = "";
-    this.robot = "";
+    this.robot = this.world = "";
     try {
       Object.assign(this, JSON.parse(localStorage.getItem(KEY) ?? "{}"));
     } catch {
@@ -20,9 +20,9 @@ export class Programs {
   }
 
   keep() {
-    const { files, current, robot } = this;
+    const { files, current, robot, world } = this;
     try {
-      localStorage.setItem(KEY, JSON.stringify({ files, current, robot }));
+      localStorage.setItem(KEY, JSON.stringify({ files, current, robot, world }));
       return true;
     } catch {
       return false; // it is full, or keeps nothing

@@ -6,16 +6,20 @@ import MpyCross from "./mpy_cross.js";
 import { Mailbox } from "./mailbox.js";
 import { fetchPacked } from "./packed.js";
 
-const HOUSES = "/houses", PATIENCE_MS = 50;
+const HOUSES = "/houses", PATIENCE_MS = 50, ROW = 8;
 const say = (kind, values = {}, transfer = []) => postMessage({ kind, ...values }, transfer);
-let runInTab = null, mailbox = null;
+let python = null, runInTab = null, makeBody = null, mailbox = null;
+let mujoco = null, stage = null; // the robot's physics, once one is chosen
+let poses = []; // of the frames since the last post
 
 // What Python calls; see tab/page.py.
 const page = {
-  post(events, frames) {
-    const bytes = frames.toJs();
-    frames.destroy();
-    say("happened", { events, frames: new Float32Array(bytes.buffer, bytes.byteOffset, bytes.byteLength / 4) });
+  frame: () => stage && poses.push(stage.poses()),
+  post(events, rows) {
+    const bytes = rows.toJs();
+    rows.destroy();
+    const frames = withPoses(new Float32Array(bytes.buffer, bytes.byteOffset, bytes.byteLength / 4));
+    say("happened", { events, frames }, [frames.buffer]);
   },
   take: () => (mailbox ? mailbox.take() : ""),
   may_go_on: (ms) => !mailbox || mailbox.mayGoOn(ms, PATIENCE_MS),
@@ -30,21 +34,22 @@ async function start({ memory, interrupt }) {
     return /\.(wasm|zip)$/.test(url) ? fetchPacked(url) : plainFetch(resource, options);
   };
   const here = (name) => new URL(name, import.meta.url).href;
-  const [python, houses, compiler] = await Promise.all([
+  const [pyodide, houses, compiler] = await Promise.all([
     loadPyodide({ indexURL: here("./pyodide/") }),
     plainFetch(here("houses.zip")).then((response) => response.arrayBuffer()),
     fetchPacked(here("mpy-cross-v6.wasm")).then((response) => response.arrayBuffer()).then(WebAssembly.compile),
   ]);
+  python = pyodide;
   if (interrupt) python.setInterruptBuffer(interrupt);
   python.unpackArchive(houses, "zip", { extractDir: HOUSES });
   python.runPython(`import sys; sys.path.insert(0, "${HOUSES}")`);
-  python.pyimport("bricktwin.site.tab.mpy_cross").put_in_place((name, source, options) => compile(compiler, name, source, options.toJs(), python));
+  python.pyimport("bricktwin.site.tab.mpy_cross").put_in_place((name, source, options) => compile(compiler, name, source, options.toJs()));
   runInTab = python.pyimport("bricktwin.site.tab.run").run_in_tab;
   say("ready");
 }
 
 // The hub's compiler, which begins anew for each program; at once, as a program may compile while it runs.
-function compile(module, name, source, options, python) {
+function compile(module, name, source, options) {
   let result = [1, undefined, "the compiler has ended without a word"];
   MpyCross({
     arguments: [...options, name],
@@ -60,15 +65,41 @@ function compile(module, name, source, options, python) {
   return python.toPy([status, mpy, report]);
 }
 
-function run(request) {
-  const code = runInTab(JSON.stringify(request), page);
+// The rows of the hub, each with the poses of its moment.
+function withPoses(rows) {
+  if (!poses.length) return rows.slice();
+  const width = ROW + poses[0].length, frames = new Float32Array(width * poses.length);
+  poses.forEach((row, i) => {
+    frames.set(rows.subarray(ROW * i, ROW * i + ROW), width * i);
+    frames.set(row, width * i + ROW);
+  });
+  poses = [];
+  return frames;
+}
+
+async function run({ robot, ...request }) {
+  stage?.end();
+  stage = robot ? await makeStage(robot) : null;
+  const code = runInTab(JSON.stringify(request), page, stage ? makeBody(stage.text, stage.engine) : undefined);
   say("ended", { code });
+}
+
+// A robot in its world, at its start.
+async function makeStage(file) {
+  mujoco ??= await loadMujoco();
+  const text = await (await fetchPacked(new URL(file, import.meta.url).href)).text();
+  return new Stage(mujoco, text);
+}
+
+async function loadMujoco() {
+  const { default: load } = await import("./mujoco.js");
+  return load({ locateFile: (name) => new URL(name, import.meta.url).href });
 }
 
 onmessage = async ({ data }) => {
   try {
     if (data.kind === "start") await start(data);
-    if (data.kind === "run") run(data.request);
+    if (data.kind === "run") await run(data.request);
   } catch (error) {
     // Python itself has given up, or a file is missing: this worker is of no use any more.
     say("failed", { text: String(error?.message ?? error), stack: String(error?.stack ?? "") });

@@ -4,7 +4,6 @@ import json
 import math
 import time
 from array import array
-from collections.abc import Callable, Sequence
 from typing import Any
 
 from brickhub.virtual.bench_body import FittedBench
@@ -25,21 +24,15 @@ class Recorder:
     """Frames and events of a run, on their way to the page.
 
     A frame is a row of 32-bit numbers: simulated time (ms), the angle of the motor on each port
-    (deg; not a number where there is none), the heading (deg), then the poses of the robot's
-    bodies.
+    (deg; not a number where there is none), the heading (deg). The page adds the poses of the
+    robot's bodies, which it has without Python.
 
     Args:
         page: receives them.
-        poses: the poses of the bodies, seven numbers for each, in the order of the page's scene.
     """
 
-    def __init__(
-        self,
-        page: Page,
-        poses: Callable[[], Sequence[float]] = tuple,
-    ) -> None:
+    def __init__(self, page: Page) -> None:
         self._page = page
-        self._poses = poses
         self._frames = array("f")
         self._events: list[dict[str, Any]] = []
         self._posted_s = time.monotonic()
@@ -78,8 +71,8 @@ class Recorder:
             is_motor = port in machine.servos
             row.append(body.angle_mdeg(port) / 1000 if is_motor else math.nan)
         row.append(body.heading_deg())
-        row += self._poses()
         self._frames.extend(row)
+        self._page.frame()
         self._tell_devices(machine)
         if time.monotonic() - self._posted_s >= _POST_S:
             self.post()

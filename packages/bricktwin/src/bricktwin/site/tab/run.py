@@ -158,7 +158,9 @@ def _write_programs(files: Mapping[str, str]) -> None:
         shutil.rmtree(FOLDER)
     FOLDER.mkdir(parents=True)
     for name, source in files.items():
-        (FOLDER / name).write_text(source, encoding="utf-8")
+        file = FOLDER / name
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text(source, encoding="utf-8")
 
 
 def _tell_written(files: Mapping[str, str], recorder: Recorder) -> None:
