@@ -18,7 +18,8 @@ def open_program(page: Page, source: str, name: str = "main.py") -> str:
     page.evaluate(
         """async (source) => {
             const kept = () => JSON.parse(localStorage["bricks-programs"] ?? "{}");
-            while (kept().files?.[kept().current] !== source) await new Promise(requestAnimationFrame);
+            const isThere = () => kept().files?.[kept().current] === source;
+            while (!isThere()) await new Promise(requestAnimationFrame);
         }""",
         source,
     )
