@@ -5,41 +5,59 @@ import gzip
 import hashlib
 import io
 import json
+import re
 import shutil
 import tempfile
 import zipfile
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 import brickhub
 import bricktwin
 from brickhub.files import TEMPORARY_PREFIX, user_cache
-from bricktwin.site.bundles import bundle, bundle_compiler
+from brickhub.robot import Robot
+from bricktwin.site.bundles import bundle
 from bricktwin.site.names import device_table, pybricks_names
 from bricktwin.site.packages import SiteError, unpack_packages
+from bricktwin.site.robots import OWN, PACKED, write_robots
+from bricktwin.view.script import FOLDER as VIEW
 
 _HERE = Path(__file__).parent
 STATIC = _HERE / "static"
 PROGRAMS = _HERE / "programs"
 LIST = "files.json"
 """List of all files of a site with their sizes, by which a site is known."""
-PACKED = ".packed"
-"""Ending of a file that is stored in gzip's format."""
 _SERVICE_WORKER = "service_worker.js"
 _BUILD_MARK = "BUILD-MARK"
 _EDITOR = "editor_entry.js"
+_IMPORTED = re.compile(r'from "\./(\w+\.js)"')
 _NOT_COPIED = (_EDITOR, _SERVICE_WORKER)
 # Modules of the houses that nothing in a tab can use: they need the computer, or are not for it.
-_LEFT_OUT = ("bricktwin/site/static", "bricktwin/site/programs", "bricktwin/plans/drawing")
+_LEFT_OUT = (
+    "brickhub/cli",
+    "bricktwin/cli",
+    "bricktwin/measure",
+    "bricktwin/plans",
+    "bricktwin/site/programs",
+    "bricktwin/site/static",
+    "bricktwin/twin/models",
+    "bricktwin/twin/render",
+    "bricktwin/view",
+)
 _FIXED_DATE = (1980, 1, 1, 0, 0, 0)
 """Date of the files in an archive, so that the same sources make the same site."""
 
 
-def build_site(out: Path, policies: Path | None = None) -> list[Path]:
+def build_site(
+    out: Path,
+    robots: Sequence[Robot] = OWN,
+    policies: Path | None = None,
+) -> list[Path]:
     """Make a site in a folder, which is new, empty, or a site that is replaced.
 
     Args:
         out: the folder.
+        robots: those that can be chosen, the first one at first.
         policies: folder of hub programs, ``NAME.py``, that are offered beside ours.
 
     Returns:
@@ -47,6 +65,7 @@ def build_site(out: Path, policies: Path | None = None) -> list[Path]:
 
     Raises:
         SiteError: the folder is something else, or what the site is made of cannot be fetched.
+        TwinError: a robot has no model.
     """
     check_folder(out)
     with tempfile.TemporaryDirectory(prefix="bricktwin-site-") as folder:
@@ -55,6 +74,7 @@ def build_site(out: Path, policies: Path | None = None) -> list[Path]:
         _copy_pages(fresh)
         _put_runtimes(fresh)
         (fresh / "houses.zip").write_bytes(houses())
+        _write_json(fresh / "robots.json", write_robots(fresh, robots))
         _write_json(fresh / "programs.json", programs(policies))
         _write_json(fresh / "pybricks.json", pybricks_names())
         _write_json(fresh / "devices.json", device_table())
@@ -76,6 +96,23 @@ def _copy_pages(site: Path) -> None:
     for path in STATIC.iterdir():
         if path.name not in _NOT_COPIED:
             shutil.copy(path, site / path.name)
+    view = site / "view"
+    view.mkdir()
+    # The drawing is that of the live page.
+    for name in _modules("scene3d.js", "frames.js"):
+        (view / name).write_bytes((VIEW / name).read_bytes())
+
+
+def _modules(*names: str) -> set[str]:
+    """Files of the view with all that they import."""
+    found: set[str] = set()
+    waiting = list(names)
+    while waiting:
+        name = waiting.pop()
+        if name not in found:
+            found.add(name)
+            waiting += _IMPORTED.findall((VIEW / name).read_text(encoding="utf-8"))
+    return found
 
 
 def _put_runtimes(site: Path) -> None:
@@ -118,8 +155,7 @@ def _make_runtimes(work: Path, made: Path) -> None:
     _pack(physics / "mujoco.wasm", made)
     compiler = modules / "@pybricks" / "mpy-cross-v6" / "build" / "mpy-cross-v6.wasm"
     _pack(compiler, made)
-    bundle_compiler(work, made / "mpy_cross.js")
-    bundle(work, STATIC / _EDITOR, made / "editor.js")
+    bundle(work, STATIC / _EDITOR, made)
 
 
 def _stored(archive: Path, folder: Path) -> Path:

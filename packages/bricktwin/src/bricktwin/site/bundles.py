@@ -1,4 +1,4 @@
-"""JavaScript of npm's packages, each made one file by the bundler esbuild."""
+"""JavaScript of npm's packages, made single files by the bundler esbuild."""
 
 import subprocess
 from pathlib import Path
@@ -11,25 +11,26 @@ _ESBUILD = "node_modules/esbuild-wasm/bin/esbuild"
 _OF_NODE = ("fs", "path")
 
 
-def bundle(work: Path, entry: Path, target: Path) -> None:
-    """Bundle an entry file with what it imports from ``work/node_modules``. Raises SiteError."""
-    here = work / entry.name
-    here.write_bytes(entry.read_bytes())
-    _run_esbuild(work, here, target)
+def bundle(work: Path, editor: Path, target: Path) -> None:
+    """Bundle what comes in many files, ``editor.js`` and ``mpy_cross.js``, from ``node_modules`` in a
+    folder.
 
+    Args:
+        work: that folder.
+        editor: module with our part of the editor.
+        target: folder of the bundles.
 
-def bundle_compiler(work: Path, target: Path) -> None:
-    """Bundle the loader of the hub's compiler, as a module. Raises SiteError."""
-    entry = work / "mpy_cross_entry.js"
-    entry.write_text(_MPY_CROSS, encoding="utf-8")
-    _run_esbuild(work, entry, target)
-
-
-def _run_esbuild(work: Path, entry: Path, target: Path) -> None:
+    Raises:
+        SiteError: the bundler refuses something.
+    """
+    (work / "editor.js").write_bytes(editor.read_bytes())
+    (work / "mpy_cross.js").write_text(_MPY_CROSS, encoding="utf-8")
     options = ["--bundle", "--minify", "--format=esm", "--platform=browser", "--log-level=error"]
     options += [f"--external:{name}" for name in _OF_NODE]
+    # Both at once, as the bundler takes long to start.
+    entries = ["editor.js", "mpy_cross.js"]
     done = subprocess.run(  # noqa: S603  our own words only
-        [node(), _ESBUILD, entry.name, *options, f"--outfile={target.resolve()}"],
+        [node(), _ESBUILD, *entries, *options, f"--outdir={target.resolve()}"],
         cwd=work,
         capture_output=True,
         text=True,
@@ -37,4 +38,4 @@ def _run_esbuild(work: Path, entry: Path, target: Path) -> None:
     )
     if done.returncode:
         said = " ".join(done.stderr.split()) or f"it ended with status {done.returncode}"
-        raise SiteError(f"esbuild could not bundle {entry.name}: {said}")
+        raise SiteError(f"esbuild could not bundle the editor and the compiler: {said}")

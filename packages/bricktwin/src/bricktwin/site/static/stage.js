@@ -40,8 +40,11 @@ export class Stage {
     this.view.hidden = !robot;
     this.shown = world?.file ?? null;
     if (!robot) return;
-    const file = this.shown, { drawing, start } = await (await fetchPacked(file)).json();
+    const file = this.shown, read = async (name) => (await fetchPacked(name)).json();
+    const [{ drawing, start }, meshes] = await Promise.all([read(file), read(robot.meshes)]);
     if (file !== this.shown) return; // another one was chosen meanwhile
+    // Those of the robot are in one file for all of its worlds, which name them by their numbers.
+    drawing.meshes = drawing.meshes.map((mesh) => (typeof mesh === "number" ? meshes[mesh] : mesh));
     this.load(drawing, new Float32Array(start));
   }
 

@@ -5,16 +5,17 @@ import { loadPyodide } from "./pyodide/pyodide.mjs";
 import MpyCross from "./mpy_cross.js";
 import { Mailbox } from "./mailbox.js";
 import { fetchPacked } from "./packed.js";
+import { Physics } from "./physics.js";
 
 const HOUSES = "/houses", PATIENCE_MS = 50, ROW = 8;
 const say = (kind, values = {}, transfer = []) => postMessage({ kind, ...values }, transfer);
-let python = null, runInTab = null, makeBody = null, mailbox = null;
-let mujoco = null, stage = null; // the robot's physics, once one is chosen
+let python = null, runInTab = null, bodyInTab = null, readJson = null, mailbox = null;
+let mujoco = null, physics = null; // once a robot is chosen
 let poses = []; // of the frames since the last post
 
 // What Python calls; see tab/page.py.
 const page = {
-  frame: () => stage && poses.push(stage.poses()),
+  frame: () => physics && poses.push(physics.poses()),
   post(events, rows) {
     const bytes = rows.toJs();
     rows.destroy();
@@ -45,6 +46,8 @@ async function start({ memory, interrupt }) {
   python.runPython(`import sys; sys.path.insert(0, "${HOUSES}")`);
   python.pyimport("bricktwin.site.tab.mpy_cross").put_in_place((name, source, options) => compile(compiler, name, source, options.toJs()));
   runInTab = python.pyimport("bricktwin.site.tab.run").run_in_tab;
+  bodyInTab = python.pyimport("bricktwin.site.tab.robot_file").body_in_tab;
+  readJson = python.pyimport("json").loads;
   say("ready");
 }
 
@@ -78,17 +81,18 @@ function withPoses(rows) {
 }
 
 async function run({ robot, ...request }) {
-  stage?.end();
-  stage = robot ? await makeStage(robot) : null;
-  const code = runInTab(JSON.stringify(request), page, stage ? makeBody(stage.text, stage.engine) : undefined);
+  physics?.end();
+  physics = null;
+  let body;
+  if (robot) {
+    mujoco ??= await loadMujoco();
+    const file = await (await fetchPacked(new URL(robot, import.meta.url).href)).json();
+    physics = new Physics(mujoco, file);
+    body = bodyInTab(readJson(JSON.stringify(file.robot)), physics.engine);
+  }
+  const code = runInTab(JSON.stringify(request), page, body);
+  body?.destroy();
   say("ended", { code });
-}
-
-// A robot in its world, at its start.
-async function makeStage(file) {
-  mujoco ??= await loadMujoco();
-  const text = await (await fetchPacked(new URL(file, import.meta.url).href)).text();
-  return new Stage(mujoco, text);
 }
 
 async function loadMujoco() {

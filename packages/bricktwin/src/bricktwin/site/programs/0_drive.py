@@ -1,0 +1,5 @@
+# Drive around
+# Robot: two-wheeler
+from pybricks.hubs import PrimeHub
+
+hub = PrimeHub()
