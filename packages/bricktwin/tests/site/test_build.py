@@ -52,4 +52,5 @@ def test_policies_are_offered(tmp_path: Path) -> None:
         "name": "walk.py",
         "source": "# A gait\n# Robot: walker\n",
         "robot": "walker",
+        "world": "",
     }

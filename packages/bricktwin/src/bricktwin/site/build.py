@@ -30,6 +30,7 @@ LIST = "files.json"
 _SERVICE_WORKER = "service_worker.js"
 _BUILD_MARK = "BUILD-MARK"
 _EDITOR = "editor_entry.js"
+_FOR_ROBOT = re.compile(r"(?m)^# Robot: ([\w.-]+) ?([\w-]*)$")
 _IMPORTED = re.compile(r'from "\./(\w+\.js)"')
 _NOT_COPIED = (_EDITOR, _SERVICE_WORKER)
 # Modules of the houses that nothing in a tab can use: they need the computer, or are not for it.
@@ -196,8 +197,8 @@ def _sources() -> Iterator[tuple[str, bytes]]:
 def programs(policies: Path | None) -> list[dict[str, str]]:
     """Programs that the page offers: title, file name, source, and the robot it is for.
 
-    The first line of each is a comment with its title; a second one that begins with ``# Robot:``
-    names its robot, which is else the bench.
+    The first line of each is a comment with its title; a second one, ``# Robot: ROBOT WORLD``, names
+    the robot and the world that it is for, else the bench.
     """
     found = list(_described(sorted(PROGRAMS.glob("*.py"))))
     if policies is not None:
@@ -213,13 +214,11 @@ def _described(paths: Iterable[Path]) -> Iterator[dict[str, str]]:
         source = path.read_text(encoding="utf-8")
         lines = source.splitlines()
         title = lines[0].lstrip("# ") if lines and lines[0].startswith("#") else path.stem
-        robot = "bench"
-        for line in lines[:5]:
-            if line.startswith("# Robot:"):
-                robot = line.removeprefix("# Robot:").strip()
-        # A number before a name is its place among the examples.
-        name = path.name.lstrip("0123456789").removeprefix("_")
-        yield {"title": title, "name": name, "source": source, "robot": robot}
+        match = _FOR_ROBOT.search(source)
+        robot, world = match.groups() if match else ("bench", "")
+        # What comes before a name, such as 2b_, is its place among the examples.
+        name = re.sub(r"^\d+[a-z]?_", "", path.name)
+        yield {"title": title, "name": name, "source": source, "robot": robot, "world": world or ""}
 
 
 def _write_json(path: Path, content: object) -> None:

@@ -12,11 +12,10 @@ _OF_NODE = ("fs", "path")
 
 
 def bundle(work: Path, editor: Path, target: Path) -> None:
-    """Bundle what comes in many files, ``editor.js`` and ``mpy_cross.js``, from ``node_modules`` in a
-    folder.
+    """Bundle what comes in many files: ``editor.js`` and ``mpy_cross.js``.
 
     Args:
-        work: that folder.
+        work: folder with ``node_modules``.
         editor: module with our part of the editor.
         target: folder of the bundles.
 

@@ -8,7 +8,7 @@ from typing import Any
 
 from brickhub.files import as_file_name
 from brickhub.robot import Robot
-from bricktwin.robots import ROBO_ARM, TWO_WHEELER, WALKER
+from bricktwin.robots import ROBO_ARM, SCOUT, TWO_WHEELER, WALKER
 from bricktwin.site.robot_files import robot_file
 from bricktwin.twin.make_body import make_body
 from bricktwin.twin.mujoco_body import MujocoBody
@@ -19,8 +19,8 @@ from bricktwin.worlds import WORLDS, world
 
 PACKED = ".packed"
 """Ending of a file that is stored in gzip's format."""
-OWN = (TWO_WHEELER, WALKER, ROBO_ARM)
-_TITLES = {"two-wheeler": "2Wheeler", "walker": "Walker", "robo-arm": "RoboArm"}
+OWN = (TWO_WHEELER, WALKER, SCOUT, ROBO_ARM)
+_TITLES = {"two-wheeler": "2Wheeler", "walker": "Walker", "scout": "Scout", "robo-arm": "RoboArm"}
 _OPEN = "open floor"
 # A robot that does not drive is offered what it can be put into as it is.
 _WITHOUT_WHEELS = ("wall",)
