@@ -1,9 +1,9 @@
-"""Objects of a scene: lines and fields on the floor, walls, fixed and pushable blocks, ramps and
-lamps.
+"""Objects of a scene: lines, fields and pictures on the floor, walls, fixed and pushable blocks,
+balls, ramps and lamps.
 
 Positions are millimetres on the floor, ``(x, y)``: a robot that starts at the origin with a heading
-of 0 looks along x, y is to its left. Headings are degrees, clockwise seen from above. Lines and
-fields affect colour sensors only.
+of 0 looks along x, y is to its left. Headings are degrees, clockwise seen from above. What
+lies on the floor affects colour sensors only.
 """
 
 import itertools
@@ -13,6 +13,27 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from brickhub.errors import TwinError, counted
+from bricktwin.twin.picture import Picture, read_picture
+
+__all__ = [
+    "COLORS",
+    "Ball",
+    "Block",
+    "Field",
+    "Lamp",
+    "Line",
+    "Mark",
+    "Object",
+    "Picture",
+    "Point",
+    "Pushable",
+    "Ramp",
+    "Size",
+    "Solid",
+    "Wall",
+    "oval",
+    "read_picture",
+]
 
 Point = tuple[float, float]
 Size = tuple[float, float, float]
@@ -258,6 +279,40 @@ class Block:
 
 
 @dataclass(frozen=True)
+class Ball:
+    """Ball that rolls. Raises TwinError if a value is invalid.
+
+    Attributes:
+        at_mm: where it lies on the floor.
+        spread_mm: as of a block.
+    """
+
+    at_mm: Point
+    diameter_mm: float = 74.0
+    color: str = "orange"
+    mass_g: float = 60.0
+    spread_mm: Point = (0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        _check(
+            self.color,
+            "a ball",
+            (self.diameter_mm,),
+            1,
+            (self.at_mm, self.spread_mm),
+        )
+        if not (math.isfinite(self.mass_g) and self.mass_g > 0):
+            raise TwinError(f"scene: a ball of {self.mass_g} g; give a positive mass")
+        if min(self.spread_mm) < 0:
+            raise TwinError(f"scene: a spread of {self.spread_mm} mm; give 0 or more")
+
+    @property
+    def soft(self) -> bool:
+        """Whether it swallows ultrasound; it does not."""
+        return False
+
+
+@dataclass(frozen=True)
 class Ramp:
     """Ramp that begins at the floor. Raises TwinError if a value is invalid.
 
@@ -310,9 +365,10 @@ class Lamp:
 _OVAL_POINTS = 25
 """Points of each end of an oval."""
 
-Mark = Line | Field
-Solid = Wall | Block | Ramp
-Object = Line | Field | Wall | Block | Ramp | Lamp
+Mark = Line | Field | Picture
+Pushable = Block | Ball
+Solid = Wall | Block | Ball | Ramp
+Object = Mark | Solid | Lamp
 
 
 def oval(length_mm: float, width_mm: float) -> tuple[Point, ...]:

@@ -15,7 +15,7 @@ from typing import Protocol
 from brickhub.robot import SensorKind
 from bricktwin.twin.conventions import OBSTACLE_GROUP, object_name
 from bricktwin.twin.engine import Engine
-from bricktwin.twin.objects import COLORS, Lamp, Mark, Point
+from bricktwin.twin.objects import COLORS, Lamp, Mark, Picture, Point
 from bricktwin.twin.rotations import (
     Quaternion,
     Vector,
@@ -286,10 +286,12 @@ class WorldSenses:
     ) -> None:
         self._engine = engine
         self._scene = scene
-        # The uppermost mark is the last, and hides those below it.
-        self._marks: list[tuple[Mark, Vector]] = []
+        self._marks: list[tuple[Mark, Vector | None]] = []
+        """Marks with their colours; ``None`` for a picture, which has many. The uppermost mark is
+        the last, and hides those below it."""
         for mark in reversed(scene.marks):
-            self._marks.append((mark, COLORS[mark.color]))
+            color = None if isinstance(mark, Picture) else COLORS[mark.color]
+            self._marks.append((mark, color))
         self._lamps = [item for item in scene.objects if isinstance(item, Lamp)]
         self._colors: dict[int, Vector] = {}
         """Colours of the scene's objects, by the indices of their geometries."""
@@ -375,6 +377,18 @@ class WorldSenses:
         # Points of the spot that no mark has covered so far.
         bare = self._disc
         for mark, color in self._marks:
+            if isinstance(mark, Picture):
+                left = []
+                for x, y in bare:
+                    pixel = mark.color_at(middle_x + radius_mm * x, middle_y + radius_mm * y)
+                    if pixel is None:
+                        left.append((x, y))
+                    else:
+                        red += pixel[0] / _POINTS
+                        green += pixel[1] / _POINTS
+                        blue += pixel[2] / _POINTS
+                bare = left
+                continue
             beyond_mm = mark.beyond_mm(middle_x, middle_y)
             # No point of the spot is farther from its middle than the radius.
             if beyond_mm > radius_mm:

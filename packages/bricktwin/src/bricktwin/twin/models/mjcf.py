@@ -23,7 +23,7 @@ from bricktwin.twin.conventions import (
     motor_name,
 )
 from bricktwin.twin.models.motors import LIMIT_A, motor_constants
-from bricktwin.twin.objects import Block, Field, Lamp, Line, Ramp, Wall
+from bricktwin.twin.objects import Ball, Block, Field, Lamp, Line, Picture, Ramp, Wall
 from bricktwin.twin.scene import Scene
 
 TYRE_FRICTION = 1.0
@@ -313,9 +313,14 @@ def overview_of(scene: Scene) -> tuple[Triple, float]:
                 points_mm += [item.from_mm, item.to_mm]
             case Lamp():
                 points_mm.append(item.at_mm[:2])
-            case Field() | Block() | Ramp():
+            case Field() | Picture() | Block() | Ball() | Ramp():
                 # Whatever its heading: a ramp is on one side of its place, all else around it.
-                reach = item.length_mm if isinstance(item, Ramp) else max(item.size_mm[:2]) / 2
+                if isinstance(item, Ramp):
+                    reach = item.length_mm
+                elif isinstance(item, Ball):
+                    reach = item.diameter_mm / 2
+                else:
+                    reach = max(item.size_mm[:2]) / 2
                 x_mm, y_mm = item.at_mm
                 points_mm.append((x_mm - reach, y_mm - reach))
                 points_mm.append((x_mm + reach, y_mm + reach))
