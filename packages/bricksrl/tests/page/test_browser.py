@@ -600,7 +600,8 @@ def hits(pixels: np.ndarray, marks: Sequence[Mark], view: View) -> tuple[int, in
     uppermost = np.full(len(rows), -1)
     for number, mark in enumerate(marks):
         around = [
-            mark.covers(floor_mm + shift) for shift in ((0, 0), (6, 0), (-6, 0), (0, 6), (0, -6))
+            [mark.beyond_mm(x, y) <= 0.0 for x, y in (floor_mm + shift).tolist()]
+            for shift in ((0, 0), (6, 0), (-6, 0), (0, 6), (0, -6))
         ]
         uppermost[np.logical_or.reduce(around)] = -1  # an edge
         uppermost[np.logical_and.reduce(around)] = number

@@ -15,7 +15,10 @@ Examples:
   bricktwin run --help
   bricktwin --version
 """,
-    {"run": "bricktwin.cli.run_command:Run"},
+    {
+        "run": "bricktwin.cli.run_command:Run",
+        "site": "bricktwin.cli.site_command:MakeSite",
+    },
     {
         "plan": (
             "Building plans: check an LDraw file, list its parts, draw its booklet.",

@@ -8,9 +8,9 @@ import numpy as np
 from PIL import Image
 
 from bricktwin.plans.drawing import shapes
-from bricktwin.twin.models.mjcf import SHAPE_GROUP
-from bricktwin.twin.models.turning import TurningParts
+from bricktwin.twin.conventions import SHAPE_GROUP
 from bricktwin.twin.mujoco_body import MujocoBody
+from bricktwin.twin.turning_parts import TurningParts
 from bricktwin.view.drawing import (
     Drawing,
     DrawnBody,
@@ -74,7 +74,7 @@ def drawing_of(body: MujocoBody) -> Drawing:
     for number in numbers:
         drawn = DrawnBody(model.body(number).name, tuple(shapes_of[number]), number)
         bodies.append(drawn)
-    spinners, rods = _turning(model)
+    spinners, rods = _turning(body)
     return Drawing(
         tuple(bodies),
         view=view,
@@ -156,19 +156,19 @@ def _picture(model: mujoco.MjModel, material: int) -> bytes | None:
     return file.getvalue()
 
 
-def _turning(model: mujoco.MjModel) -> tuple[tuple[Spinner, ...], tuple[Rod, ...]]:
+def _turning(body: MujocoBody) -> tuple[tuple[Spinner, ...], tuple[Rod, ...]]:
     """What a model does not turn itself."""
-    parts = TurningParts(model)
+    model = body.model
+    parts = TurningParts(body.engine)
     spinners = []
     for part in parts.spinners:
-        x, y, z = part.axis.tolist()
         spinner = Spinner(
             part.body,
             parent=int(model.body_parentid[part.body]),
             address=part.address,
             start_rad=float(model.qpos0[part.address]),
             ratio=part.ratio,
-            axis=(x, y, z),
+            axis=part.axis,
         )
         spinners.append(spinner)
     rods = []

@@ -11,7 +11,8 @@ import numpy as np
 from bricktwin.plans.drawing.pieces import Piece, colour_name
 from bricktwin.plans.drawing.shapes import Shape, discs, merge
 from bricktwin.plans.geometry import Floats, Triple
-from bricktwin.twin.models.mjcf import LOOKS, OBSTACLE_GROUP, draw, yaw_quaternion
+from bricktwin.twin.conventions import OBSTACLE_GROUP, object_name
+from bricktwin.twin.models.mjcf import LOOKS, draw
 from bricktwin.twin.objects import (
     COLORS,
     Ball,
@@ -24,6 +25,7 @@ from bricktwin.twin.objects import (
     Ramp,
     Wall,
 )
+from bricktwin.twin.rotations import about, product, yaw_quaternion
 from bricktwin.twin.scene import Scene
 
 LOWEST_MM = 0.6
@@ -50,7 +52,7 @@ def add_objects(spec: mujoco.MjSpec, scene: Scene) -> None:
     _draw_marks(spec, scene.marks)
     world = spec.worldbody
     for number, solid in enumerate(scene.solids):
-        name = f"object_{number}"
+        name = object_name(number)
         if isinstance(solid, Wall):
             _add_wall(world, name, solid)
         elif isinstance(solid, Ramp):
@@ -100,18 +102,14 @@ def _add_ramp(
     height = half_length * sine - half_thickness * cosine
     x += ahead * math.cos(yaw)
     y += ahead * math.sin(yaw)
-    half_rise = rise / 2
-    tilt = np.array([math.cos(half_rise), 0.0, -math.sin(half_rise), 0.0])
-    turned = np.array(yaw_quaternion(yaw))
-    turn = np.empty(4)
-    mujoco.mju_mulQuat(turn, turned, tilt)
+    tilt = about((0.0, -1.0, 0.0), rise)
     add_geom(
         world,
         name,
         position=[x, y, height],
         half=[half_length, ramp.width_mm / 2000, half_thickness],
         rgb=COLORS[ramp.color],
-        turn=turn.tolist(),
+        turn=product(yaw_quaternion(yaw), tilt),
     )
 
 
@@ -316,8 +314,7 @@ def _line(line: Line) -> Shape:
     for x, y in line.points_mm:
         disc = discs(half_width, _FLAT_MM, 24)
         pieces.append(disc.at(x, y, 0.0))
-    starts, ends = line.ends_mm
-    for start, end in zip(starts, ends, strict=True):
+    for start, end in map(np.array, line.segments_mm):
         along = end - start
         # Two equal points are a segment without a direction.
         length = max(float(np.linalg.norm(along)), 1e-9)
