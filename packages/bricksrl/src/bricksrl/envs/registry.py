@@ -65,7 +65,8 @@ def _on_robot(task: Task) -> Callable[..., Task]:
                 f"{task.id} is not for robot '{robot}'{hint(robot, known)}; choose "
                 f"{' or '.join(known)}"
             )
-        # The very task where nothing changes: what is registered can be compared.
+        # Where nothing changes, the very same task is returned, so that it can be compared with the
+        # registered one.
         return task if robot == task.robot.name else replace(task, robot=known[robot])
 
     return build
@@ -183,7 +184,7 @@ def option_types(env_id: str) -> dict[str, Any]:
     if env_id not in _BUILT_IN:
         return {}
     builder = _BUILT_IN[env_id].build
-    # Some are partial functions, which have no annotations of their own.
+    # Some makers are partial functions, which have no annotations of their own.
     function = getattr(builder, "func", builder)
     return typing.get_type_hints(function, include_extras=True)
 
@@ -192,7 +193,8 @@ def _unknown(spec: Registration, options: Iterable[str]) -> list[str]:
     """Names of the options that an environment does not have."""
     parameters = inspect.signature(spec.build).parameters
     kinds = [parameter.kind for parameter in parameters.values()]
-    if inspect.Parameter.VAR_KEYWORD in kinds:  # a user's function that takes any
+    # A user's function may take any option.
+    if inspect.Parameter.VAR_KEYWORD in kinds:
         return []
     return [name for name in options if name not in parameters]
 
@@ -229,7 +231,7 @@ def _unknown_option(
     spec: Registration,
     option: str,
 ) -> str:
-    """What is said about an option that an environment does not have: what it has instead."""
+    """Message about an option that an environment does not have, with those that it has."""
     of_task = list(inspect.signature(spec.build).parameters)
     if spec.kinematics is None:
         all_options = [field.name for field in fields(EnvOptions) if field.name != "options"]
@@ -238,7 +240,7 @@ def _unknown_option(
         of_all = [*ARGUMENTS["simulation"], *TRANSFORMS]
     own = f"its task has {', '.join(of_task) or 'none'}"
     all_have = f"all environments like it have {', '.join(of_all)}"
-    # Python's own words for it, which whoever searches for the error takes.
+    # These are Python's own words, which somebody would search for.
     python_message = f"unexpected keyword argument '{option}'"
     return (
         f"{env_id} has no option {option}{hint(option, [*of_task, *of_all])}; {own}, "
@@ -247,8 +249,8 @@ def _unknown_option(
 
 
 def registration(env_id: str) -> Registration:
-    """What is registered under an id, or made of a user's task. Raises UnknownNameError if there is
-    no such environment."""
+    """Registration of an id, or one that is made of a user's task. Raises UnknownNameError if there
+    is no such environment."""
     check_value("env_id", env_id, str)
     if is_reference(env_id):
         return Registration(_user_builder(env_id))

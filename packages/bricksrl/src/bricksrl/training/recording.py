@@ -36,8 +36,8 @@ class RunRecorder(Recorder):
         super().__init__(root, description)
         whole = [row.about for row in self.rows if row.about.whole]
         self.whole = len(whole)
-        # Seeds of what was recorded after the checkpoint: with a virtual robot they will be the
-        # same episodes again.
+        # These are the seeds of what was recorded after the checkpoint. A virtual robot will play
+        # the same episodes again.
         uncounted = whole[counted:]
         self._uncounted = {about.seed for about in uncounted if about.hub in ("", "virtual")}
 
@@ -53,5 +53,5 @@ class RunRecorder(Recorder):
             return
         before = len(self.rows)
         super().write(steps, about)
-        # The base class may leave an episode out, such as one without steps.
+        # The base class may leave an episode out, for example one without steps.
         self.whole += sum(row.about.whole for row in self.rows[before:])

@@ -15,11 +15,11 @@ def reproducible(seed: int) -> Iterator[None]:
     threads = torch.get_num_threads()
     logger = logging.getLogger("torchrl")
     level = logger.level
-    # Devices have generators of their own.
+    # Devices have random generators of their own.
     with torch.random.fork_rng(devices=range(torch.cuda.device_count())):
         torch.set_num_threads(1)
         torch.manual_seed(seed)
-        # It logs the size of each replay buffer.
+        # TorchRL logs the size of each replay buffer.
         logger.setLevel(logging.WARNING)
         try:
             yield

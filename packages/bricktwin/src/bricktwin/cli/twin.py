@@ -201,11 +201,11 @@ class _Reader:
     def begin(self, deed: Deed) -> None:
         print_note(f"{deed.text} Then press Enter.")
         self._answer: str | None = None
-        # In a thread, as the robot is read while the person is busy.
+        # A thread waits for the line, because the robot is read while the person is busy.
         threading.Thread(target=self._wait, daemon=True).start()
 
     def is_done(self) -> bool:
-        # A line has at least its end; only the end of the input is empty.
+        # A line has at least its end, so an empty text is the end of the input.
         if self._answer == "":
             raise TwinError(
                 "nobody is there to handle the robot: standard input ended; run it in a terminal"
@@ -259,7 +259,7 @@ class FitTwin:
         robot = target.robot
         scene = target.scene
         out = self.out or self.log.with_suffix(".physics.json")
-        # Before two minutes of work, not after.
+        # This is checked before two minutes of work, not after them.
         check_writable(out)
         result = fit(
             log,

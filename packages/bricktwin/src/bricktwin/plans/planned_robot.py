@@ -59,7 +59,7 @@ def planned_robot(path: Path) -> PlannedRobot:
 
 @functools.lru_cache(maxsize=16)
 def _planned(path: Path, _sources: tuple[bytes, ...]) -> PlannedRobot:
-    # By its sources too, as a file may be changed while a program runs.
+    # The sources are part of the key, because a file may change while a program runs.
     return planned(read_plan(path))
 
 
@@ -91,11 +91,12 @@ def planned(plan: Plan) -> PlannedRobot:
     return PlannedRobot(plan, gear_trains, articulation(robot_mechanism, gear_trains))
 
 
-# Steps of the search, degrees of the driven part: coarse, and then fine before what it meets.
+# The search moves the driven part by these steps (degrees): coarse ones, and fine ones just before
+# it meets something.
 _STEP_DEG = 5.0
 _FINE_DEG = 0.5
 _LEAST_WAY_DEG = 5.0
-"""Less than this between two stops is no way, degrees of the driven part."""
+"""Least way between two stops, degrees of the driven part. Less is no way at all."""
 
 
 @functools.lru_cache(maxsize=64)
@@ -113,7 +114,8 @@ def free_deg(
     drive = next(drive for drive in planned.articulation.drives if drive.port == port)
     start = planned.device(port).angle_deg
     sweep = _Sweep(planned, drive)
-    # The gear is turns of the motor per turn of the driven part, which is what is moved.
+    # The gear converts angles, because the driven part is moved here but the motor's angle is
+    # limited.
     reached_low = start + sweep.reach((low - start) / drive.gear) * drive.gear
     reached_high = start + sweep.reach((high - start) / drive.gear) * drive.gear
     return min(start, reached_low), max(start, reached_high)
@@ -139,7 +141,7 @@ def stops_deg(planned: PlannedRobot, port: str) -> tuple[float, float] | None:
         start + turn,
     )
     is_all_around = low <= start - turn or high >= start + turn
-    # What can hardly move is drawn too closely: real parts have more room.
+    # A part that can hardly move has been drawn with too little room; the real one has more.
     is_locked = high - low < _LEAST_WAY_DEG * abs(drive.gear)
     return None if is_all_around or is_locked else (low, high)
 
@@ -164,17 +166,16 @@ class _Sweep:
         articulation = planned.articulation
         motor = planned.device(drive.port)
         sites = tuple(site for site in motor.part.sites if not site.turns)
-        # Without the motor's disc, which turns with the driven parts.
+        # The disc on the motor's shaft turns with the driven parts, so the case goes without it.
         case = replace(motor, part=replace(motor.part, turning=(), sites=sites))
         self._parts = tuple(case if part is motor else part for part in planned.plan.parts)
-        # In the plan's frame, LDU.
         self._axis = TO_TWIN.T @ drive.joint.axis
         self._point = TO_TWIN.T @ drive.joint.point_m / M_PER_LDU
         carried = carried_by(articulation, drive)
         self._moved = {part for body in carried for part in articulation.bodies[body].parts}
         self._others = np.ones(len(self._parts), dtype=bool)
         self._others[list(self._moved)] = False
-        # Geared parts and rods move away, so they are not tested.
+        # Geared parts and rods move too, which this sweep does not follow, so they are not tested.
         for geared in articulation.geared:
             if geared.port == drive.port:
                 self._others[list(articulation.bodies[geared.joint.child].parts)] = False
@@ -193,7 +194,7 @@ class _Sweep:
             if self._is_clear(sign * blocked):
                 free = blocked
                 continue
-            # Bisection between the last free step and the blocked one.
+            # Bisection narrows the gap between the last free step and the blocked one.
             while blocked - free > _FINE_DEG:
                 middle = (free + blocked) / 2
                 if self._is_clear(sign * middle):
@@ -211,5 +212,5 @@ class _Sweep:
             placed = parts[index]
             position = turn @ (placed.position - self._point) + self._point
             parts[index] = replace(placed, rotation=turn @ placed.rotation, position=position)
-        # Parts know their bounds and samples: only the moved ones are computed anew.
+        # Parts know their bounds and samples, so only those of the moved ones are computed anew.
         return Occupancy(parts).is_free(self._moved, self._others, np.zeros(3))

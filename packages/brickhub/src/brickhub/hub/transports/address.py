@@ -47,12 +47,13 @@ class HubAddress:
             from brickhub.hub.transports.usb import UsbTransport
 
             return UsbTransport(self.which)
-        # The transport to a virtual hub is made with the robot, whose body it moves.
+        # A virtual hub moves the body of a robot, so its transport is made together with the robot.
         if self.is_virtual:
             raise UnknownNameError(
                 "a virtual hub has no transport of its own; choose 'ble' or 'usb'"
             )
-        # Here, as commands that only name a hub shall not wait for asyncio and what is below.
+        # This import is here because commands that only name a hub should not wait for asyncio and
+        # what is below it.
         from brickhub.hub.transports.ble import BleTransport
 
         if self.which is not None and _BLE_ADDRESS.fullmatch(self.which):

@@ -77,7 +77,7 @@ class Team:
 
     def save(self, path: Path | str) -> None:
         """Save the acting networks."""
-        # A checkpoint has plain types only, as it is read without executing anything.
+        # A checkpoint has plain types only, because it is read without executing anything.
         config = asdict(self.config)
         config["agents"] = dict(self.config.agents)
         config["scripts"] = dict(self.config.scripts)
@@ -154,11 +154,11 @@ def _learn(
     stop: threading.Event,
 ) -> None:
     config = team.config
-    # An arena with its hubs is a single one.
+    # An arena with its hubs exists only once.
     copies = max(1, config.copies)
     steps_per_batch = team.settings.steps
     batches = max(1, config.frames // (steps_per_batch * copies))
-    # Rewards so far of the episodes that have not ended, [copies].
+    # These are the rewards so far of the episodes that have not ended, [copies].
     running_returns = {group: torch.zeros(copies) for group in config.agents}
     frames_done = 0
     steps = batches * steps_per_batch
@@ -170,7 +170,7 @@ def _learn(
     ):
         frames = collected if collected.ndim == 2 else collected[None]  # [copies, time]
         frames_done += frames.numel()
-        # Before learning, which adds entries to the frames.
+        # This comes before learning, which adds entries to the frames.
         on_progress(
             _progress(
                 team,
@@ -200,9 +200,9 @@ def _progress(
     for group in team.config.agents:
         total = 0.0
         running = running_returns[group]
-        # Mean over the robots: [copies, time].
+        # The mean over the robots is [copies, time].
         rewards = after[group, "reward"].mean((-1, -2))
-        # Step by step, as an episode may end and another begin within a batch.
+        # This goes step by step, because an episode may end and another one begin within a batch.
         for step in range(frames.shape[1]):
             has_ended = done[:, step]
             running += rewards[:, step]
@@ -239,7 +239,7 @@ def play_team(
     played = []
     for number in range(1, episodes + 1):
         env.set_seed(episode_seed("evaluation", seed, number))
-        # Scripts such as "random" draw from torch's generator.
+        # Scripts such as "random" draw from torch's generator, so the seed makes them repeatable.
         torch.manual_seed(derive_seed(seed, "policy", number))
         with torch.no_grad(), set_exploration_type(ExplorationType.DETERMINISTIC):
             outcomes = [frame["next"] for frame in play(env, policy)]
