@@ -203,7 +203,7 @@ def test_scene_in_a_list_is_taken_or_named(bricktwin, tmp_path, monkeypatch, sce
             ("--robot", "rover.py", "--scene", "rover.py:CAR"),
             "rover.py:CAR is not a scene; name a Scene",
         ),
-        (("--robot", "rover.py", "--scene", "mat"), "'mat' is not a scene; name a Python file"),
+        (("--robot", "rover.py", "--scene", "mat"), "'mat' is not a scene; choose line-simple"),
         (
             ("--robot", "bench", "--scene", "rover.py"),
             "'bench' lies on the bench, which is in no scene",

@@ -394,6 +394,16 @@ class FittedBench(BenchBody):
             sense = reading.sense_of(device)
             self._readings.setdefault((port, sense), self._in_time(reading))
 
+    def set_reading(
+        self,
+        port: str,
+        sense: Sense,
+        stimulus: Sensed,
+    ) -> None:
+        """Let the sensor on a port sense this from now on, in place of its reading; also one that
+        the program has not used yet."""
+        self._readings[port, sense] = lambda _: stimulus
+
     def _in_time(self, reading: GivenReading) -> Reading:
         """Readings of a sensor, as given for each moment."""
         return lambda _: reading.at(self._time_ms / 1000)

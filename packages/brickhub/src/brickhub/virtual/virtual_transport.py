@@ -12,7 +12,7 @@ import threading
 from collections import deque
 from collections.abc import Callable
 
-from greenlet import getcurrent, greenlet
+from greenlet import GreenletExit, getcurrent, greenlet
 
 from brickhub.errors import HubError, HubProgramError, ProgramStoppedError, TwinError
 from brickhub.hub.link.profiles import BURST_LOSS, PAUSE_MS, LinkProfile
@@ -419,7 +419,8 @@ class VirtualHub:
         except (SystemExit, SwitchedOff, _Stopped):
             pass
         except BaseException as error:
-            if not is_program_error(error):
+            # A greenlet that nobody holds any more is ended by its own exception.
+            if isinstance(error, GreenletExit) or not is_program_error(error):
                 raise
             # The error is kept until the host asks, because the host may not be waiting for this
             # program.

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from brickhub.kits.virtual_kit import VirtualRobot
     from bricksrl.envs.host_sensors.host_sensor import Reader
     from bricksrl.envs.vision.camera import Camera
-    from bricktwin.twin.mujoco_body import Pose
+    from bricktwin.twin.standing import Pose
 
 _T = TypeVar("_T")
 

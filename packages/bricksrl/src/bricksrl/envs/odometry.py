@@ -20,8 +20,8 @@ from bricksrl.errors import DescriptionError
 if TYPE_CHECKING:
     import numpy as np
 
-    from bricktwin.twin.mujoco_body import Pose
     from bricktwin.twin.scene import Scene
+    from bricktwin.twin.standing import Pose
 
 _log = logging.getLogger(__name__)
 

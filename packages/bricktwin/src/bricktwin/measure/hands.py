@@ -8,7 +8,8 @@ import numpy as np
 
 from brickhub.errors import TwinError
 from brickhub.virtual.virtual_transport import VirtualHub
-from bricktwin.twin.mujoco_body import MujocoBody, Pose
+from bricktwin.twin.mujoco_body import MujocoBody
+from bricktwin.twin.standing import Pose
 
 _TURN_DEG_S = 120.0
 _LIFT_M = 0.3

@@ -12,10 +12,14 @@ import numpy as np
 from bricktwin.plans.drawing.shapes import X_AXIS, Y_AXIS
 from bricktwin.plans.geometry import Floats, triple
 from bricktwin.plans.mechanism.articulation import Articulation
-from bricktwin.twin.models.mjcf import SHAPE_GROUP, quaternion
-from bricktwin.twin.models.turning import TurningParts, add_coupling, add_loop, add_rod, add_spinner
-from bricktwin.twin.mujoco_body import MujocoBody, Pose
+from bricktwin.twin.conventions import SHAPE_GROUP
+from bricktwin.twin.models.mjcf import quaternion
+from bricktwin.twin.models.turning import add_coupling, add_loop, add_rod, add_spinner
+from bricktwin.twin.mujoco_body import MujocoBody
+from bricktwin.twin.mujoco_engine import MujocoEngine
 from bricktwin.twin.scene import Goal
+from bricktwin.twin.standing import Pose
+from bricktwin.twin.turning_parts import TurningParts
 
 _TURN_RAD = 0.25
 """Largest turn between two solutions, so that a linkage does not flip."""
@@ -120,7 +124,7 @@ class Linkage:
         self._body_of: dict[int, int] = {}
         for part, body in body_of.items():
             self._body_of[part] = int(body.id)
-        self._turning = TurningParts(model)
+        self._turning = TurningParts(MujocoEngine(model, model, data))
 
         # A hinge that no constraint depends on is free, so a user can turn it.
         _, slopes = _constraints(model, data)
@@ -165,7 +169,7 @@ class Linkage:
             self._passive,
         )
         mujoco.mj_kinematics(model, data)
-        self._turning.turn(model, data)
+        self._turning.turn()
 
     def motion(self, part: int) -> tuple[Floats, Floats]:
         """Rotation [3, 3] and shift [3], m, of a part from its place in the plan; none of a part

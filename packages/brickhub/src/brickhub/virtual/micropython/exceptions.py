@@ -16,8 +16,6 @@ from types import (
 )
 from typing import Any, TypeGuard
 
-from greenlet import GreenletExit
-
 from brickhub.errors import SceneError, WriteError
 
 FIRMWARE = __name__.partition(".")[0] + "."
@@ -115,9 +113,7 @@ def is_program_error(error: BaseException) -> bool:
     # This comes first, because it is a KeyboardInterrupt too.
     if isinstance(error, ProgramInterrupt):
         return True
-    return not isinstance(
-        error, HostStop | SceneError | WriteError | KeyboardInterrupt | GreenletExit
-    )
+    return not isinstance(error, HostStop | SceneError | WriteError | KeyboardInterrupt)
 
 
 class HubOSError(OSError):

@@ -26,7 +26,7 @@ from bricktwin.twin.scene import Scene
 if TYPE_CHECKING:
     import numpy as np
 
-    from bricktwin.twin.mujoco_body import Pose
+    from bricktwin.twin.standing import Pose
 
 
 _LARGEST = 3.4e38

@@ -1,10 +1,5 @@
 """MJCF elements shared by the models: physics options, LEGO's motors as actuators, floor and wall,
-cameras.
-
-Names define the wiring: the joint and actuator ``motor_E`` belong to port E, the site
-``ultrasonic_C`` to port C. Geom groups: obstacles that ultrasound detects, floor, looks, and the
-robot's collision shapes.
-"""
+cameras. Their names and groups: ``bricktwin.twin.conventions``."""
 
 import math
 from collections.abc import Sequence
@@ -18,18 +13,21 @@ from brickhub.robot import Motor, MotorKind
 from bricktwin.plans.drawing.pieces import COLOURS, GLOWING, Piece
 from bricktwin.plans.drawing.shapes import Shape, merge
 from bricktwin.plans.geometry import Floats, Triple
+from bricktwin.twin.conventions import (
+    BACKLASH,
+    FLOOR_GROUP,
+    LOOKS_GROUP,
+    OBSTACLE_GROUP,
+    SHAPE_GROUP,
+    TIMESTEP_S,
+    motor_name,
+)
 from bricktwin.twin.models.motors import LIMIT_A, motor_constants
-from bricktwin.twin.objects import Block, Field, Lamp, Line, Ramp, Wall
+from bricktwin.twin.objects import Ball, Block, Field, Lamp, Line, Picture, Ramp, Wall
 from bricktwin.twin.scene import Scene
 
-TIMESTEP_S = 0.0025
-"""Time of a physics step."""
 TYRE_FRICTION = 1.0
 """Sliding friction of rubber on a smooth floor; an estimate."""
-OBSTACLE_GROUP = 0
-FLOOR_GROUP = 1
-LOOKS_GROUP = 2
-SHAPE_GROUP = 3
 WALL_X_M = 0.35
 """Position of the wall's face."""
 _TURNTABLE_FRICTION_NM = 0.02
@@ -82,7 +80,7 @@ def add_motor(
     """
     motor = motor_constants(kind)
     actuator = spec.add_actuator(
-        name=f"motor_{port}",
+        name=motor_name(port),
         target=joint.name,
         trntype=mujoco.mjtTrn.mjTRN_JOINT,
     )
@@ -161,7 +159,7 @@ def add_rotor(
     :func:`add_motor`."""
     rotor = parent.add_body(name=f"rotor_{motor.port}", pos=list(at_m))
     shaft = rotor.add_joint(
-        name=f"motor_{motor.port}",
+        name=motor_name(motor.port),
         type=mujoco.mjtJoint.mjJNT_HINGE,
         axis=list(axis),
     )
@@ -193,7 +191,7 @@ def add_driven(
     body = rotor.add_body(name=name)
     # This range is a placeholder: the twin's physics sets it.
     body.add_joint(
-        name=f"backlash_{port}",
+        name=f"{BACKLASH}{port}",
         type=mujoco.mjtJoint.mjJNT_HINGE,
         axis=list(axis),
         limited=True,
@@ -316,10 +314,15 @@ def overview_of(scene: Scene) -> tuple[Triple, float]:
                 points_mm += [item.from_mm, item.to_mm]
             case Lamp():
                 points_mm.append(item.at_mm[:2])
-            case Field() | Block() | Ramp():
+            case Field() | Picture() | Block() | Ball() | Ramp():
                 # The reach must hold for any heading: a ramp lies on one side of its place,
                 # everything else lies around it.
-                reach = item.length_mm if isinstance(item, Ramp) else max(item.size_mm[:2]) / 2
+                if isinstance(item, Ramp):
+                    reach = item.length_mm
+                elif isinstance(item, Ball):
+                    reach = item.diameter_mm / 2
+                else:
+                    reach = max(item.size_mm[:2]) / 2
                 x_mm, y_mm = item.at_mm
                 points_mm.append((x_mm - reach, y_mm - reach))
                 points_mm.append((x_mm + reach, y_mm + reach))
@@ -419,12 +422,6 @@ def quaternion(axis: Triple | Floats, angle: float) -> list[float]:
     """Quaternion of a rotation about an axis, in radians."""
     imaginary = math.sin(angle / 2) * np.array(axis)
     return [math.cos(angle / 2), *imaginary.tolist()]
-
-
-def yaw_quaternion(angle: float) -> list[float]:
-    """Quaternion of a rotation about the vertical, counter-clockwise seen from above, in
-    radians."""
-    return [math.cos(angle / 2), 0.0, 0.0, math.sin(angle / 2)]
 
 
 def add_light(body: mujoco.MjsBody) -> None:

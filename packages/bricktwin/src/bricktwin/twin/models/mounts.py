@@ -15,7 +15,8 @@ from bricktwin.plans.drawing.pieces import Piece, piece
 from bricktwin.plans.drawing.shapes import X_AXIS, Z_AXIS, box, cylinder, ring
 from bricktwin.plans.geometry import MM_PER_LDU, Floats, Triple, triple
 from bricktwin.plans.part import DeviceKind
-from bricktwin.twin.models.mjcf import SHAPE_GROUP, add_box, quaternion
+from bricktwin.twin.conventions import SHAPE_GROUP, site_name
+from bricktwin.twin.models.mjcf import add_box, quaternion
 
 _BUTTON_MM = 8.0
 """Length of a force sensor's button."""
@@ -28,8 +29,6 @@ _MOUNTS = {
     SensorKind.FORCE: Mount((80.0, 0.0, 30.0)),
 }
 """Default mount of each kind of sensor; others are in front and look ahead."""
-INFRARED_MM = {SensorKind.COLOR_DISTANCE: 100.0, SensorKind.INFRARED: 150.0}
-"""Distances that sensors with infrared light report as 100 %; estimates."""
 _UNKNOWN_SENSOR: tuple[Triple, float] = ((24.0, 24.0, 24.0), 12.0)
 """Size (mm) and mass (g) of a sensor that is not in the catalogue."""
 
@@ -81,12 +80,6 @@ def add_hub_site(
 def mount_of(sensor: Sensor) -> Mount:
     """Mount of a sensor; by default that of its kind."""
     return sensor.mount or _MOUNTS.get(sensor.kind, _AHEAD)
-
-
-def site_name(sensor: Sensor) -> str:
-    """Name of a sensor's site."""
-    kind = "sensor" if sensor.kind.model.range_mm is None else "ultrasonic"
-    return f"{kind}_{sensor.port}"
 
 
 def mount_sensor(

@@ -7,19 +7,10 @@ and turned towards the other before rendering.
 """
 
 import mujoco
-import numpy as np
 
-from bricktwin.plans.geometry import Floats, Triple
+from bricktwin.plans.geometry import Triple
 from bricktwin.plans.mechanism.articulation import Follower, Geared
-from bricktwin.twin.models.mjcf import SHAPE_GROUP
-
-_SPINNER = "spin_"
-"""First letters of the names of shafts and gears. `TurningParts` finds them by these, because a
-compiled model keeps nothing else about them."""
-_SPINNER_USER = 4
-"""Number of user data of a shaft or gear: its ratio and its axis [3]."""
-_ROD = "rod_"
-"""First letters of the names of rods."""
+from bricktwin.twin.conventions import ROD, SHAPE_GROUP, SPINNER, motor_name
 
 
 def add_rod(
@@ -37,9 +28,9 @@ def add_rod(
     Returns:
         The body to draw the rod on: its origin is the near pin, its z axis points to the far one.
     """
-    if spec.tendon(_ROD + name) is not None:
+    if spec.tendon(ROD + name) is not None:
         name = f"{name}_{len(spec.tendons)}"
-    name = _ROD + name
+    name = ROD + name
     # A rod is a tendon that measures the distance of its pins, and an equality that keeps it.
     tendon = spec.add_tendon(name=name, group=SHAPE_GROUP)
     for end, (carrier, pin) in {"near": near, "far": far}.items():
@@ -78,7 +69,7 @@ def add_spinner(
     axis = -follower.axis
     ratio_and_axis = [follower.ratio, *axis.tolist()]
     return body.add_body(
-        name=f"{_SPINNER}{follower.port}_{number}",
+        name=f"{SPINNER}{follower.port}_{number}",
         pos=at_m,
         userdata=ratio_and_axis,
     )
@@ -97,7 +88,7 @@ def add_coupling(
         objtype=mujoco.mjtObj.mjOBJ_JOINT,
     )
     constraint.name1 = joint
-    constraint.name2 = f"motor_{geared.port}"
+    constraint.name2 = motor_name(geared.port)
     # The data are the coefficients of a polynomial in the motor's angle, and a ratio is its linear
     # term.
     constraint.data[:5] = [0.0, geared.ratio, 0.0, 0.0, 0.0]
@@ -121,50 +112,3 @@ def add_loop(
     constraint.data[:3] = at_m
     # A time constant of two steps is the stiffest that MuJoCo allows.
     constraint.solref = [2 * spec.option.timestep, 1.0]
-
-
-class TurningParts:
-    """Parts of a model that turn visually only."""
-
-    def __init__(self, model: mujoco.MjModel) -> None:
-        self._spinners: list[tuple[int, int, float, Floats]] = []
-        """Body, address of the joint's position, ratio and axis [3] of each shaft or gear."""
-        self._rods: list[tuple[int, int]] = []
-        """Body, and site of the far pin of each rod."""
-        for body in range(model.nbody):
-            full_name = model.body(body).name
-            # In an arena, all names of a robot begin with "ROBOT/".
-            robot, slash, name = full_name.rpartition("/")
-            # A user's model may have bodies of such names too, but without the user data of ours.
-            if name.startswith(_SPINNER) and model.nuser_body >= _SPINNER_USER:
-                port = name.split("_")[1]
-                motor = f"{robot}{slash}motor_{port}"
-                joint = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, motor)
-                if joint >= 0:
-                    ratio, *axis = model.body_user[body, :_SPINNER_USER].tolist()
-                    address = int(model.jnt_qposadr[joint])
-                    self._spinners.append((body, address, ratio, np.array(axis)))
-            elif name.startswith(_ROD):
-                far = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, f"{full_name}_far")
-                if far >= 0:
-                    self._rods.append((body, far))
-
-    def turn(
-        self,
-        model: mujoco.MjModel,
-        data: mujoco.MjData,
-    ) -> None:
-        """Turn shafts and gears with their motors' joints, rods to their far pins; positions must
-        be up to date, and are so afterwards."""
-        for body, address, ratio, axis in self._spinners:
-            turned = float(data.qpos[address] - model.qpos0[address])
-            angle = ratio * turned
-            mujoco.mju_axisAngle2Quat(model.body_quat[body], axis, angle)
-        for body, far in self._rods:
-            parent = model.body_parentid[body]
-            frame = data.xmat[parent].reshape(3, 3)
-            along_m = data.site_xpos[far] - data.xpos[body]
-            mujoco.mju_quatZ2Vec(model.body_quat[body], along_m @ frame)
-        # The turns were written into the model, so the positions in the data have to follow.
-        if self._spinners or self._rods:
-            mujoco.mj_kinematics(model, data)
