@@ -21,6 +21,7 @@ from bricktwin.site.names import device_table, pybricks_names
 from bricktwin.site.packages import SiteError, unpack_packages
 from bricktwin.site.robots import OWN, PACKED, write_robots
 from bricktwin.view.script import FOLDER as VIEW
+from bricktwin.worlds import WORLDS
 
 _HERE = Path(__file__).parent
 STATIC = _HERE / "static"
@@ -59,6 +60,7 @@ def build_site(
     out: Path,
     robots: Sequence[Robot] = OWN,
     policies: Path | None = None,
+    worlds: Sequence[str] = tuple(WORLDS),
 ) -> list[Path]:
     """Make a site in a folder, which is new, empty, or a site that is replaced.
 
@@ -66,6 +68,7 @@ def build_site(
         out: the folder.
         robots: those that can be chosen, the first one at first.
         policies: folder of hub programs, ``NAME.py``, that are offered beside ours.
+        worlds: those that can be chosen for robots that drive, beside the open floor.
 
     Returns:
         All files of the site.
@@ -81,7 +84,7 @@ def build_site(
         _copy_pages(fresh)
         _put_runtimes(fresh)
         (fresh / "houses.zip").write_bytes(houses())
-        _write_json(fresh / "robots.json", write_robots(fresh, robots))
+        _write_json(fresh / "robots.json", write_robots(fresh, robots, worlds))
         _write_json(fresh / "programs.json", programs(policies))
         _write_json(fresh / "pybricks.json", pybricks_names())
         _write_json(fresh / "devices.json", device_table())
