@@ -174,13 +174,13 @@ class GaussianProcess:
         Each trial takes its part of the variance away, so that the bound falls from trial to trial:
         most candidates are out of the race before all of them have spoken.
         """
-        needed = (highest - mean) / optimism if optimism else math.inf
-        least = needed * needed if needed > 0.0 else 0.0
+        missing = max(highest - mean, 0.0)
         half: list[float] = []
         for row, covariance in zip(self._root.rows, covariances, strict=True):
             part = (covariance - dot(row, half)) / row[-1]
             half.append(part)
             variance -= part * part
-            if variance < least:
+            # squared, so that no optimism at all is no special case
+            if optimism**2 * variance < missing**2:
                 return -math.inf
         return mean + optimism * math.sqrt(max(variance, _LEAST_VARIANCE))

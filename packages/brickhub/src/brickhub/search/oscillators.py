@@ -21,8 +21,8 @@ TURN_DEG = 360.0
 """A turn."""
 _turn_legs: Callable[..., list[float]] = turn_legs
 _LEG_COLUMNS = (
-    "index of the angle, index of the action, sign of both, change of the action for a degree, "
-    "half a turn or none (deg), place of its phase among the numbers or 0"
+    "# Of a leg: index of the angle, index of the action, sign of both, change of the action for a",
+    "# degree, half a turn or none (deg), place of its phase among the numbers or 0.",
 )
 NO_LEGS = "oscillators need motors that turn endlessly and whose angles are observed; choose linear"
 
@@ -95,7 +95,7 @@ class Oscillators:
 
     def hub_source(self) -> str:
         """MicroPython that defines ``act_by(observed, numbers)``, as `act`."""
-        lines = [formula_source("turn_legs"), f"SIZE = {self.size}", f"LEGS = (  # {_LEG_COLUMNS}"]
+        lines = [formula_source("turn_legs"), f"SIZE = {self.size}", *_LEG_COLUMNS, "LEGS = ("]
         for leg in self.legs:
             angle, action, sign, gain, half_turn_deg, place = leg.row
             lines.append(

@@ -26,7 +26,8 @@ from brickhub.search.structure import source_by
 from brickhub.virtual.bench_body import BenchBody
 from brickhub.virtual.virtual_transport import VirtualHub
 
-STILL_MDEG = 300
+STILL_MDEG = 3000
+"""Motors coast a little when they are stopped."""
 
 
 class Hub(VirtualHub):
@@ -64,14 +65,15 @@ def linked(
     return hub, link
 
 
-NUMBERS = (-0.5, 180.0, 90.0, 270.0)
+NUMBERS = (-0.5, 180.0, 90.0, 200.0)
 """Of a Walker whose mirrored pairs are not described."""
 
 
 @pytest.mark.parametrize("pipe", list(Pipe))
 def test_a_trial_acts_as_the_structure_does_and_reports_each_step(pipe: Pipe) -> None:
-    hub, link = linked(pipe=pipe)
-    structure = structure_for(WALKER, WALKING)
+    slowly = replace(WALKING, settle=Wait(500))
+    hub, link = linked(WALKER, slowly, pipe=pipe)
+    structure = structure_for(WALKER, slowly)
     with link:
         readings = link.make_trial(NUMBERS, 6)
         assert readings is not None and len(readings) == 7
@@ -79,14 +81,14 @@ def test_a_trial_acts_as_the_structure_does_and_reports_each_step(pipe: Pipe) ->
         assert hub.turned_mdeg(500) < STILL_MDEG, "the motors stand after a trial"
     times = [reading.hub_time_ms for reading in readings]
     assert all(
-        after - before == pytest.approx(250, abs=8) for before, after in itertools.pairwise(times)
+        after - before == pytest.approx(500, abs=8) for before, after in itertools.pairwise(times)
     )
     for before, after in itertools.pairwise(readings):
         wanted = structure.act(before.values, NUMBERS)
         for index, action in enumerate(wanted):
             turned = (after.values[index] - before.values[index] + 180.0) % 360.0 - 180.0
-            # the command is of -100 to 0 degrees, and a motor ends within a few of them
-            assert turned == pytest.approx(50.0 * (action - 1.0), abs=25.0)
+            # the command is of -100 to 0 degrees
+            assert turned == pytest.approx(50.0 * (action - 1.0), abs=2.0)
 
 
 ARM = Robot("arm", HubKind.CITY, motors=(Motor("low", "A"), Motor("high", "B")))
@@ -99,14 +101,14 @@ TURNING = Interface(
 
 @pytest.mark.parametrize(
     ("robot", "interface", "pieces"),
-    [(WALKER, WALKING, 1), (TWO_WHEELER, RUN_AWAY, 2), (ROBO_ARM, REACHING, 5), (ARM, TURNING, 1)],
+    [(WALKER, WALKING, 1), (TWO_WHEELER, RUN_AWAY, 2), (ROBO_ARM, REACHING, 4), (ARM, TURNING, 1)],
 )
 def test_programs_are_small_and_run_on_every_hub(
     robot: Robot, interface: Interface, pieces: int
 ) -> None:
     hub, link = linked(robot, interface)
     assert len(program_blob(compile_program(link.program), robot.hub)) < 6144
-    assert max(map(len, link.program.source.splitlines())) <= 200
+    assert max(map(len, link.program.source.splitlines())) <= 130
     assert link.trial_wire.pieces == pieces
     middle = [(entry.low + entry.high) / 2 for entry in link.trial_wire.numbers]
     with link:
@@ -268,5 +270,4 @@ def test_every_write_and_notification_of_a_trial_fits() -> None:
 
 def test_a_program_of_its_own_acts_by_the_same_formula() -> None:
     source = source_by(structure_for(WALKER, WALKING), NUMBERS)
-    assert "NUMBERS = (-0.5, 180, 90, 270,)" in source
-    assert replace(WALKING, settle=Wait(100)).settle.fixed_ms == 100
+    assert "NUMBERS = (-0.5, 180, 90, 200,)" in source

@@ -186,7 +186,8 @@ def generate_alone(
     constants = [
         *_step_constants(interface),
         f"AGE_MS = {age_ms}  # age of an observation when its commands start",
-        f"SPANS = {_spans(interface)}  # middle and half of each command's range, times its scale",
+        "# Middle and half of each command's range, times its scale.",
+        f"SPANS = {_spans(interface)}",
     ]
     parts = [
         "\n".join(constants) + "\n",
@@ -241,10 +242,13 @@ def generate_trials(
         f"END_HEAD = bytes([MAGIC, 0, {TRIAL_END}])",
         f'PIECE_FORMAT = "{wire.piece_format}"  # of a piece of a trial\'s numbers',
         f"PIECES = {wire.pieces}",
-        f"RANGES = {tuple(ranges)}  # middle, and half for the unit on the wire, of each number",
+        "RANGES = (  # middle, and half for the unit on the wire, of each number",
+        *(f"    ({middle:.7g}, {half:.7g})," for middle, half in ranges),
+        ")",
         "",
         *_step_constants(interface),
-        f"SPANS = {_spans(interface)}  # middle and half of each command's range, times its scale",
+        "# Middle and half of each command's range, times its scale.",
+        f"SPANS = {_spans(interface)}",
         f"LIMITS = {tuple(limits)}  # index of a tilt, and where it ends a trial",
         f"LONGEST_MS = {LONGEST_TRIAL_MS}  # of a trial",
         f"END_MS = {END_MS}  # silence between trials that ends the program",
