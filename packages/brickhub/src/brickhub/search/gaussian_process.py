@@ -13,6 +13,9 @@ from brickhub.search.scales import Surprise, medians, most_probable
 _GROWTH = 1.2
 """Trials, as a multiple of those at the last time, after which the scales are sought anew: each
 time costs as much as hundreds of expectations, and one trial more changes them little."""
+_ENOUGH = 100
+"""Trials by which the scales are known well enough: the time to seek them grows with the third
+power."""
 _LEAST_UNIT = 1e-6
 """Equal scores have no deviation to divide by."""
 _LEAST_VARIANCE = 1e-12
@@ -67,7 +70,8 @@ class GaussianProcess:
         self._worlds.append(world)
         self._append(place, world)
         # not when a search that was kept is told its trials again
-        if len(self) >= self.fitted * _GROWTH:
+        is_due = len(self) >= self.fitted * _GROWTH
+        if is_due and len(self) <= _ENOUGH:
             self._fit_scales()
         self._weights = self._root.solve(self._values())
 
@@ -108,6 +112,12 @@ class GaussianProcess:
 
     def _here(self, numbers: Sequence[float]) -> Point:
         return stretched(place_of(numbers, self.entries), self.entries, self.scales)
+
+    def mean_at(self, numbers: Sequence[float]) -> float:
+        """Mean of the score of numbers ``[p]`` in the present world, which is sooner known than its
+        deviation."""
+        covariances = self._covariances(self._here(numbers), self._worlds[-1])
+        return self.mean + self.unit * dot(covariances, self._weights)
 
     def expected(self, numbers: Sequence[float]) -> tuple[float, float]:
         """Mean and standard deviation of the score of numbers ``[p]`` in the present world, without

@@ -238,12 +238,7 @@ def _unknown_option(
         of_all = [*ARGUMENTS["simulation"], *TRANSFORMS]
     own = f"its task has {', '.join(of_task) or 'none'}"
     all_have = f"all environments like it have {', '.join(of_all)}"
-    # Python's own words for it, which whoever searches for the error takes.
-    python_message = f"unexpected keyword argument '{option}'"
-    return (
-        f"{env_id} has no option {option}{hint(option, [*of_task, *of_all])}; {own}, "
-        f"{all_have} ({python_message})"
-    )
+    return f"{env_id} has no option {option}{hint(option, [*of_task, *of_all])}; {own}, {all_have}"
 
 
 def registration(env_id: str) -> Registration:

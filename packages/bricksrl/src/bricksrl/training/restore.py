@@ -10,9 +10,7 @@ from torchrl.envs import EnvBase
 
 from brickhub.fields import check_fields, check_value
 from brickhub.files import parsing
-from bricksrl.agents.learner import Learner
 from bricksrl.agents.networks import action_size
-from bricksrl.agents.teachers import anchor
 from bricksrl.envs.transforms import (
     layout_of,
     load_transform_state,
@@ -27,17 +25,6 @@ from bricksrl.training.run_folder import RunFolder
 
 Which = Literal["last", "best"]
 """The last checkpoint of a run, or that of its best evaluation."""
-
-
-def restore(learner: Learner, state: dict[str, Any]) -> None:
-    """Restore `Learner.state_dict` of a learner that may be anchored. Raises CheckpointError as
-    `Learner.load_state_dict` does, RunError if an anchored one is compiled."""
-    loss = state.get("loss")
-    # An anchor is a part of the loss that only a taught learner has: it has to be there before its
-    # state is loaded into it.
-    if isinstance(loss, dict) and any(str(name).startswith("anchor.") for name in loss):
-        anchor(learner)
-    learner.load_state_dict(state)
 
 
 def load_state(

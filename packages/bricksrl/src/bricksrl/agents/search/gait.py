@@ -6,7 +6,7 @@ once the robot has settled. `brickhub.search` proposes the numbers.
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 import torch
 from tensordict import TensorDictBase
@@ -71,14 +71,18 @@ class PolicySearch(Learner):
         tilts: indices of pitch and roll in the observation.
         succeeds: success of an episode that ends with these observations ``[*batch, 1, n]``; others
             end in a fall or the like.
+        updates: trials that a proposal has been made from.
         rewards: of the present trial.
     """
+
+    on_policy: ClassVar[bool] = True
 
     actor: StructuredActor
     settings: GaitSettings
     search: BayesianSearch
     tilts: list[int]
     succeeds: Callable[[Tensor], Tensor]
+    updates: int = field(default=0, init=False)
     rewards: list[float] = field(default_factory=list, init=False)
 
     def __post_init__(self) -> None:
@@ -146,15 +150,14 @@ class PolicySearch(Learner):
         """Everything that learning changes."""
         return {**super().state_dict(), "search": self.search.state()}
 
-    def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Restore `state_dict`. Raises CheckpointError if the state is of another algorithm or
-        structure."""
-        super().load_state_dict(state)
+    def _load(self, state: dict[str, Any]) -> None:
+        super()._load(state)
+        self.updates = int(state["updates"])
         try:
             self.search.load_state(state["search"])
-        except (LookupError, DescriptionError):
+        except DescriptionError as error:
             raise CheckpointError(
-                "the checkpoint has no trials; resume with the agent that it had"
+                f"the checkpoint does not fit this agent ({error}); resume with the settings it had"
             ) from None
         self._act_as_proposed()
 
@@ -194,8 +197,6 @@ def build(
         succeeds = task.success
     return PolicySearch(
         policy=policy,
-        on_policy=True,
-        updates_per_step=0.0,
         actor=actor,
         settings=settings,
         search=search,
