@@ -70,9 +70,14 @@ def trial_score(rewards: Sequence[float], settle_steps: int = 0) -> float:
     counted = list(rewards[settle_steps:]) or list(rewards)
     if not counted:
         return math.nan
-    weights = [min(place, len(counted) + 1 - place) for place in range(1, len(counted) + 1)]
-    total = sum(reward * weight for reward, weight in zip(counted, weights, strict=True))
-    return total / sum(weights)
+    total = 0.0
+    weights = 0.0
+    for place, reward in enumerate(counted):
+        places_after = len(counted) - 1 - place
+        weight = 1.0 + min(place, places_after)
+        total += weight * reward
+        weights += weight
+    return total / weights
 
 
 class BayesianSearch:
@@ -194,9 +199,11 @@ class BayesianSearch:
         # among those drawn anywhere hardly one is near enough to improve on the best known
         for _ in range(CANDIDATES):
             pairs = zip(near, self.entries, strict=True)
-            yield tuple(_beside(number, entry, rng) for number, entry in pairs)
+            beside = [_beside(number, entry, rng) for number, entry in pairs]
+            yield tuple(beside)
         for _ in range(CANDIDATES):
-            yield tuple(rng.uniform(entry.low, entry.high) for entry in self.entries)
+            anywhere = [rng.uniform(entry.low, entry.high) for entry in self.entries]
+            yield tuple(anywhere)
 
     def state(self) -> dict[str, Any]:
         """Everything that `tell` and `begin_elsewhere` change: numbers, and lists of numbers."""
@@ -216,25 +223,29 @@ class BayesianSearch:
     def load_state(self, state: dict[str, Any]) -> None:
         """Go on from `state`. Raises DescriptionError if it is none of these entries."""
         try:
+            trials: list[Trial] = []
             columns = zip(state["numbers"], state["scores"], state["worlds"], strict=True)
-            trials = [
-                Trial(self._checked(numbers), float(score), int(world))
-                for numbers, score, world in columns
-            ]
+            for numbers, score, of_world in columns:
+                trials.append(Trial(self._checked(numbers), float(score), int(of_world)))
             start = [self._checked(numbers) for numbers in state["start"]]
             asked = self._checked(state["asked"])
             best = self._checked(state["best"])
             scales = [float(one) for one in state["scales"]]
             if len(scales) != len(self.process.logarithms):
                 raise DescriptionError("its scales are those of other numbers")
-            seed, world, fitted = (int(state[name]) for name in ("seed", "world", "fitted"))
+            seed = int(state["seed"])
+            world = int(state["world"])
+            fitted = int(state["fitted"])
         except (LookupError, TypeError, ValueError) as error:
             raise DescriptionError(
                 f"this is no state of a search for these numbers ({error}); begin a new one"
             ) from None
-        self.seed, self.world = seed, world
-        self._start, self._asked, self.best = start, asked, best
+        self.seed = seed
+        self.world = world
+        self.best = best
         self.trials = []
+        self._start = start
+        self._asked = asked
         self.process = GaussianProcess(self.entries, scales, fitted)
         for trial in trials:
             self._add(trial)
@@ -249,9 +260,11 @@ def spread(
     hypercube (McKay et al., 1979), each of whose rows and columns has one of them."""
     columns: list[list[float]] = []
     for entry in entries:
+        span = entry.high - entry.low
         shares = [(place + rng.random()) / count for place in range(count)]
         rng.shuffle(shares)
-        columns.append([entry.low + share * (entry.high - entry.low) for share in shares])
+        column = [entry.low + share * span for share in shares]
+        columns.append(column)
     return list(zip(*columns, strict=True))
 
 

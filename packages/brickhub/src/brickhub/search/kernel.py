@@ -56,8 +56,13 @@ class Scales:
     @classmethod
     def of_logarithms(cls, logarithms: Sequence[float]) -> "Scales":
         """Scales of their logarithms ``[p + 3]``, in the order of the attributes."""
-        *lengths, peculiar, amplitude, noise = [math.exp(one) for one in logarithms]
-        return cls(tuple(lengths), peculiar, amplitude, noise)
+        *lengths, peculiar, amplitude, noise = map(math.exp, logarithms)
+        return cls(
+            tuple(lengths),
+            peculiar,
+            amplitude,
+            noise,
+        )
 
     @property
     def noise_variance(self) -> float:
