@@ -1,13 +1,9 @@
-"""Policy search: the few numbers of a structured policy, tried on the robot, proposed by Bayesian
-optimisation.
+"""Policy search as a learner: the few numbers of a structured policy, tried on the robot.
 
 A trial acts by one set of numbers for some steps, without a reset; its score is the mean reward
-once the robot has settled. A Gaussian process (Rasmussen and Williams, 2006) learns the score from
-the trials, and the next numbers are those where the score may be highest (upper confidence bound,
-Srinivas et al., 2010).
+once the robot has settled. `brickhub.search` proposes the numbers.
 """
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Annotated, Any, ClassVar
@@ -18,25 +14,17 @@ from tensordict.nn import TensorDictModule
 from torch import Tensor
 from torchrl.envs import EnvBase
 
-from brickhub.entry import Entry
 from brickhub.fields import check_fields
+from brickhub.search.bayesian_search import BayesianSearch, trial_score
 from brickhub.user_files import NotCode
 from bricksrl.agents.learner import Learner
-from bricksrl.agents.search.posterior import Posterior, bounds, embedded
 from bricksrl.agents.search.structures import STRUCTURES, StructuredActor, make_structure
 from bricksrl.agents.settings import NotNegative, Positive, Presets, Range
 from bricksrl.envs.env_interface import interface_of
 from bricksrl.envs.rollout import lost_links
 from bricksrl.envs.task import never
 from bricksrl.envs.transforms import keeps_vectors, layout_of, steps_of
-from bricksrl.errors import DescriptionError, counted
-
-CANDIDATES = 2000
-"""Numbers among which the next ones are chosen: as many drawn anywhere, and as many near the best
-known."""
-NEAR = 0.2
-"""Standard deviation of the latter, as a share of half the range; of an angle that wraps, in
-radians."""
+from bricksrl.errors import CheckpointError, DescriptionError, counted
 
 
 @dataclass(frozen=True)
@@ -79,35 +67,32 @@ class PolicySearch(Learner):
     try the same.
 
     Attributes:
-        start: numbers ``[s, p]`` of the first trials.
+        search: proposes numbers, and knows the trials so far.
         tilts: indices of pitch and roll in the observation.
         succeeds: success of an episode that ends with these observations ``[*batch, 1, n]``; others
             end in a fall or the like.
-        numbers, scores, worlds: of the trials so far, ``[k, p]``, ``[k]`` and ``[k]``.
         updates: trials that a proposal has been made from.
+        rewards: of the present trial.
     """
 
     on_policy: ClassVar[bool] = True
 
     actor: StructuredActor
     settings: GaitSettings
-    start: Tensor
+    search: BayesianSearch
     tilts: list[int]
     succeeds: Callable[[Tensor], Tensor]
-    numbers: Tensor = field(init=False)
-    scores: Tensor = field(init=False)
-    worlds: Tensor = field(init=False)
-    world: int = field(default=0, init=False)
     updates: int = field(default=0, init=False)
-    rewards: list[float] = field(default_factory=list, init=False)  # of the present trial
+    rewards: list[float] = field(default_factory=list, init=False)
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        # empty, of the shapes and types that trials will have
-        self.numbers = self.start[:0]
-        self.scores = self.start[:0, 0]
-        self.worlds = self.start[:0, 0].long()
-        self.actor.trial.copy_(self.start[0])
+        self._act_as_proposed()
+
+    def _act_as_proposed(self) -> None:
+        """Let the actor know what to try, and what is best."""
+        self.actor.trial.copy_(torch.tensor(self.search.ask()))
+        self.actor.best.copy_(torch.tensor(self.search.best))
 
     def remember(
         self,
@@ -129,27 +114,11 @@ class PolicySearch(Learner):
             has_failed = bool(tilts.any())
             if ended and not has_failed:
                 has_failed = not bool(self.succeeds(observation[..., None, :]).all())
-            if has_failed:
-                # A fall may have been a fast one: its rewards alone would invite more of them.
-                highest = float(self.scores.min()) if len(self.scores) else math.inf
-                self._score(highest)
-            elif ended or len(self.rewards) == self.settings.trial_steps:
-                self._score(math.inf)
-
-    def _score(self, highest: float) -> None:
-        """End the trial, with a score of at most the ``highest``: a mean with less weight towards
-        both ends (Bartlett's window), as the reward goes up and down with each stride."""
-        # a trial that ended while it settled has these rewards only
-        settled = self.rewards[self.settings.settle_steps :]
-        counted = torch.tensor(settled or self.rewards)
-        places = torch.arange(1.0, len(counted) + 1)
-        weights = torch.minimum(places, places.flip(0))
-        mean = (counted * weights).sum() / weights.sum()
-        score = mean.clamp_max(highest)[None].to(self.scores)
-        self.numbers = torch.cat((self.numbers, self.actor.trial[None]))
-        self.scores = torch.cat((self.scores, score))
-        self.worlds = torch.cat((self.worlds, torch.tensor([self.world])))
-        self.end_episodes()
+            is_whole = len(self.rewards) == self.settings.trial_steps
+            if has_failed or ended or is_whole:
+                score = trial_score(self.rewards, self.settings.settle_steps)
+                self.search.tell(score, has_failed=has_failed)
+                self.end_episodes()
 
     def end_episodes(self, robot: int | None = None) -> None:
         """Drop the present trial, if any: what follows does not follow from it."""
@@ -159,77 +128,38 @@ class PolicySearch(Learner):
         """Go on in another world: the trials so far tell what may be good there, and the best known
         is tried first."""
         super().begin_elsewhere()
-        self.world += 1
-        self.start = self.actor.best[None].clone()
-        self.actor.trial.copy_(self.actor.best)
+        self.search.begin_elsewhere()
+        self._act_as_proposed()
 
     def learn(self, steps: int = 1) -> dict[str, Tensor]:
-        """Propose the numbers of the next trial if one has ended. Returns metrics."""
-        if self.updates == len(self.scores):
+        """Act by the numbers of the next trial if one has ended. Returns metrics."""
+        trials = self.search.trials
+        if self.updates == len(trials):
             return {}
-        self.updates = len(self.scores)
-        entries = self.actor.structure.numbers
-        points = embedded(self.numbers, entries)
-        here = self.worlds == self.world
-        posterior = Posterior(points, self.scores, self.worlds)
-        # The best known is chosen among what was tried in this world, by the mean rather than by
-        # the score of one trial, which noise may have raised.
-        means, _ = posterior.at(points[here])
-        likeliest = self.numbers[here][means.argmax()]
-        compared = torch.stack((likeliest, self.actor.best))
-        gain, deviation = posterior.gain(*embedded(compared, entries))
-        if self.updates == 1 or gain > self.settings.caution * deviation:
-            self.actor.best.copy_(likeliest)
-        tried = int(here.sum())
-        if tried < len(self.start):
-            self.actor.trial.copy_(self.start[tried])
-        else:
-            # the upper confidence bound (Srinivas et al., 2010)
-            candidates = self._candidates(entries, likeliest)
-            means, deviations = posterior.at(embedded(candidates, entries))
-            bound = means + self.settings.optimism * deviations
-            self.actor.trial.copy_(candidates[bound.argmax()])
-        best, _ = posterior.at(embedded(self.actor.best[None], entries))
-        return {"trial_reward": self.scores[-1], "best_reward": best[0], "noise": posterior.noise}
-
-    def _candidates(
-        self,
-        entries: tuple[Entry, ...],
-        near: Tensor,
-    ) -> Tensor:
-        """Numbers ``[2 CANDIDATES, p]``, anywhere and near some."""
-        low, high = bounds(entries)
-        span = high - low
-        shares = torch.rand(CANDIDATES, len(entries))
-        anywhere = low + shares * span
-        # among those drawn anywhere hardly one is near enough to improve on the best known
-        steps = torch.randn(CANDIDATES, len(entries))
-        nearby = near + steps * NEAR * span
-        # beyond its end an angle begins anew, and any other number stops
-        wraps = torch.tensor([entry.wraps for entry in entries])
-        wrapped = low + torch.remainder(nearby - low, span)
-        nearby = torch.where(wraps, wrapped, nearby.clamp(low, high))
-        return torch.cat((anywhere, nearby))
+        self.updates = len(trials)
+        self._act_as_proposed()
+        best_reward, _ = self.search.expected(self.search.best)
+        metrics = {
+            "trial_reward": trials[-1].score,
+            "best_reward": best_reward,
+            "noise": self.search.process.noise,
+        }
+        return {name: torch.tensor(value) for name, value in metrics.items()}
 
     def state_dict(self) -> dict[str, Any]:
         """Everything that learning changes."""
-        search = {
-            "start": self.start,
-            "numbers": self.numbers,
-            "scores": self.scores,
-            "worlds": self.worlds,
-        }
-        return {**super().state_dict(), "search": search, "world": self.world}
+        return {**super().state_dict(), "search": self.search.state()}
 
     def _load(self, state: dict[str, Any]) -> None:
         super()._load(state)
-        search = state["search"]
         self.updates = int(state["updates"])
-        self.world = int(state["world"])
-        self.start = search["start"]
-        self.numbers = search["numbers"]
-        self.scores = search["scores"]
-        self.worlds = search["worlds"]
+        try:
+            self.search.load_state(state["search"])
+        except DescriptionError as error:
+            raise CheckpointError(
+                f"the checkpoint does not fit this agent ({error}); resume with the settings it had"
+            ) from None
+        self._act_as_proposed()
 
 
 def build(
@@ -237,16 +167,17 @@ def build(
     settings: GaitSettings,
     device: torch.device | str = "cpu",
 ) -> PolicySearch:
-    """Policy search for an environment. The first trials are drawn from torch's global
-    generator."""
+    """Policy search for an environment. Its seed is drawn from torch's global generator."""
     structure = make_structure(env, settings.structure)
-    low, high = bounds(structure.numbers)
-    # of torch's generator, as all that a run draws: one seed decides it
-    seed = int(torch.randint(2**31, ()))
-    # Sobol's points fill the range more evenly than independent draws, which counts for so few
-    sequence = torch.quasirandom.SobolEngine(len(low), scramble=True, seed=seed)
-    spread = sequence.draw(settings.random_trials)
-    actor = StructuredActor(structure, (low + high) / 2).to(device)
+    search = BayesianSearch(
+        structure.numbers,
+        # of torch's generator, as all that a run draws: one seed decides it
+        seed=int(torch.randint(2**31, ())),
+        random_trials=settings.random_trials,
+        optimism=settings.optimism,
+        caution=settings.caution,
+    )
+    actor = StructuredActor(structure, torch.tensor(search.best)).to(device)
     policy = TensorDictModule(actor, in_keys=["observation"], out_keys=["action"])
     places = layout_of(env).places
     task = interface_of(env).task
@@ -268,7 +199,7 @@ def build(
         policy=policy,
         actor=actor,
         settings=settings,
-        start=low + spread * (high - low),
+        search=search,
         tilts=tilts,
         succeeds=succeeds,
     )
