@@ -30,6 +30,8 @@ TINY = replace(
     preset("default", "sac"), hidden=(8,), batch_size=8, prefill_episodes=1, updates_per_step=0.1
 )
 """Settings of runs that are not to learn anything."""
+SHORT = {"max_steps": 10}
+"""Steps of their episodes."""
 OWN_LINES = 40  # what issue and README promise for a task or a robot of one's own
 
 
@@ -89,17 +91,19 @@ def test_own_robot_and_task(name: str, tmp_path: Path) -> None:
     path = EXAMPLES / f"{name}.py"
     assert lines_of_code(path) <= OWN_LINES
     assert [check for check in check_env(f"{path}") if check.outcome is Outcome.ERROR] == []
-    result = train(TrainConfig(str(path), episodes=2, settings=TINY, run_dir=tmp_path / "run"))
+    result = train(
+        TrainConfig(str(path), episodes=2, settings=TINY, options=SHORT, run_dir=tmp_path / "run")
+    )
     assert len(result.episodes) == 2
 
 
 def test_own_driving_robot_video(tmp_path: Path) -> None:
     path, run_dir = EXAMPLES / "14_driving_robot.py", tmp_path / "run"
     assert len(path.read_text(encoding="utf-8").splitlines()) <= DRIVING_LINES
-    train(TrainConfig(str(path), episodes=1, settings=TINY, run_dir=run_dir))
+    train(TrainConfig(str(path), episodes=1, settings=TINY, options=SHORT, run_dir=run_dir))
     try:
         filmed = film_run(
-            run_dir, "last", tmp_path / "film.mp4", "it drives", size=(320, 240), budget_s=3.0
+            run_dir, "last", tmp_path / "film.mp4", "it drives", size=(320, 240), budget_s=1.0
         )
     except RenderingUnavailableError as error:
         pytest.skip(str(error))
