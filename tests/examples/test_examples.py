@@ -50,10 +50,10 @@ def main(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
 
 @pytest.fixture
 def in_short(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Examples train a tiny network, and evaluate it in one episode."""
+    """Examples train a tiny network in short episodes, and evaluate it in one."""
 
     def trained(config: TrainConfig) -> RunResult:
-        return train(replace(config, settings=TINY))
+        return train(replace(config, settings=TINY, options=SHORT))
 
     def evaluated(*arguments: Any, episodes: int, **named: Any) -> EvaluationResult:
         assert episodes > 1
