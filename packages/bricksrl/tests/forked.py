@@ -284,10 +284,8 @@ def _exactly(connection: socket.socket, size: int) -> bytes:
 
 def serve(connection: socket.socket, path: str) -> int:
     """Start the processes that the other side asks for, and tell of their ends, until it leaves."""
-    gc.disable()  # what is imported stays; looking through it is a quarter of the time
     for name in IMPORTED:
         importlib.import_module(name)
-    gc.enable()
     gc.freeze()  # what is imported is not looked at, and so not copied, by the processes
     ended, wake = os.pipe()
     os.set_blocking(wake, False)
