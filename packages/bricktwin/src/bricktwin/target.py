@@ -44,7 +44,7 @@ def _in_scene(target: Target, reference: str) -> Target:
     scenes = objects_in(reference, Scene)
     file = without_name(reference)
     named = [name for name in scenes if name.isidentifier()]
-    # What has a name goes before what is only in a list or a dictionary.
+    # A robot with a name of its own goes before one that is only in a list or a dictionary.
     candidates = named or list(scenes)
     if len(candidates) == 1:
         taken = candidates[0]
@@ -58,7 +58,7 @@ def _in_scene(target: Target, reference: str) -> Target:
             scene=scene,
             note=note if others else "",
         )
-    # Of several, none is the right one by itself: the user is told how to name one.
+    # Several robots are offered and none is the default, so the message tells how to name one.
     note = ""
     if scenes:
         first = candidates[0]

@@ -3,7 +3,7 @@
 //     node in_node.mjs MODULES FOLDER... SCRIPT [ARGUMENT...]
 //
 // MODULES: node_modules with Pyodide and MuJoCo; FOLDER: sources on Python's path, before `--`; SCRIPT: a Python file, which finds
-// `start_engine` (makes an engine of a robot's file, JSON text) and `ARGUMENTS`.
+// `start_engine` (makes an engine of a robot's file, JSON text), `compile_in_tab`, `cpu_seconds` and `ARGUMENTS`.
 
 import { readFileSync } from "node:fs";
 import { createRequire } from "node:module";
@@ -45,6 +45,8 @@ function compile(name, source, options) {
 
 python.globals.set("start_engine", (file) => new Engine(mujoco, JSON.parse(file)));
 python.globals.set("compile_in_tab", compile);
+const cpuSeconds = () => (({ user, system }) => (user + system) / 1e6)(process.cpuUsage());
+python.globals.set("cpu_seconds", cpuSeconds);
 python.globals.set("ARGUMENTS", python.toPy(given));
 try {
   python.runPython(readFileSync(script, "utf-8"), { filename: script });

@@ -151,10 +151,10 @@ def test_all_robots_of_an_arena_get_the_physics() -> None:
     arena = Arena(
         tuple(Contestant(name, TWO_WHEELER, Place(x_m=(x_m, x_m))) for x_m, name in enumerate("ab"))
     )
-    nominal = ArenaWorld(arena).model
+    nominal = ArenaWorld(arena).engine.model
     changed = ArenaWorld(
         arena, Physics(slope_deg=5.0, side_load_g=50.0, motor_1_scale=0.7, motor_friction_scale=2.0)
-    ).model
+    ).engine.model
     assert changed.body_mass.sum() == pytest.approx(nominal.body_mass.sum() + 0.1)
     assert changed.opt.gravity[0] == pytest.approx(-9.81 * math.sin(math.radians(5.0)))
     for name in ("a", "b"):

@@ -10,15 +10,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from brickhub.robot import Robot
-from bricktwin.robots import ROBO_ARM, WALKER, plans
-from bricktwin.robots.planned import robot_of_plan
+from brickhub.robot import HubKind, Motor, Robot
+from bricktwin.robots import WALKER
 from bricktwin.twin.make_body import make_body
 from bricktwin.view.body_drawing import drawing_of
 from bricktwin.view.drawing import poses
 from bricktwin.view.script import FOLDER, one_script
 
-PLANS = Path(plans.__path__[0])
 ARRAYS = ("xpos", "xquat", "qpos", "site_xpos")
 SCRIPT = """
 const lines = require("fs").readFileSync(0, "utf8").split("\\n");
@@ -31,19 +29,42 @@ for (const line of lines) {
 """
 
 
-def test_frames_are_those_of_python() -> None:
+GEARS = """<mujoco>
+  <size nuser_body="4"/>
+  <worldbody>
+    <body name="base">
+      <freejoint/>
+      <geom type="box" size="0.05 0.05 0.02" mass="0.5"/>
+      <body name="wheel" pos="0 0 0.06">
+        <joint name="turn" type="hinge" axis="0 1 0"/>
+        <geom type="sphere" size="0.02" mass="0.1"/>
+      </body>
+      <body name="spin_A_0" pos="0.05 0 0.06" user="-2 0 0.6 0.8">
+        <geom type="box" size="0.01 0.02 0.01" mass="0" contype="0" conaffinity="0"/>
+      </body>
+    </body>
+  </worldbody>
+</mujoco>
+"""
+
+
+def test_frames_are_those_of_python(tmp_path: Path) -> None:
     """After a kinematics step alone, with the shafts, gears and rods that turn for the eye only."""
     node = shutil.which("node")
     if node is None:
         pytest.skip("no Node.js is on this computer")
     lines = []
     expected = []
-    robots: list[Robot] = [WALKER, ROBO_ARM, *map(robot_of_plan, sorted(PLANS.glob("*.ldr")))]
-    turned = 0
+    (tmp_path / "gears.xml").write_text(GEARS)
+    motors = (Motor("turn", "A"),)
+    gears = Robot("gears", HubKind.PRIME, motors, model=str(tmp_path / "gears.xml"))
+    robots: list[Robot] = [WALKER, gears]
+    spinners = rods = 0
     for number, robot in enumerate(robots):
         body = make_body(robot)
         drawing = drawing_of(body)
-        turned += len(drawing.spinners) + len(drawing.rods)
+        spinners += len(drawing.spinners)
+        rods += len(drawing.rods)
         body.data.qpos[:] += np.random.default_rng(number).uniform(-0.3, 0.3, body.model.nq)
         body.update_visuals()
         arrays = {name: getattr(body.data, name).ravel().tolist() for name in ARRAYS}
@@ -54,7 +75,7 @@ def test_frames_are_those_of_python() -> None:
         lines.append(json.dumps({"drawing": plain, "arrays": arrays}))
         numbers = [drawn.model_body for drawn in drawing.bodies]
         expected.append(poses(body.data.xpos[numbers], body.data.xquat[numbers]).ravel())
-    assert turned > 10
+    assert spinners == 1 and rods == 4
     script = one_script("frames.js") + SCRIPT
     ran = subprocess.run(
         [node, "-e", script], input="\n".join(lines), capture_output=True, text=True, check=False

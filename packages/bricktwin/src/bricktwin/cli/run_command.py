@@ -59,7 +59,8 @@ class Run(run.Run):
     """Film the virtual robot into this mp4 file."""
 
     def target(self, name: str) -> Target:
-        """The robot of that name. What is said of its scenes is not for one that is given."""
+        """The robot of that name. Notes about its own scenes are left out where a scene is
+        given."""
         from brickhub.target import find
 
         return super().target(name) if self.scene is None else find(name)
@@ -78,7 +79,7 @@ class Run(run.Run):
     def _made_body(self, stack: ExitStack) -> Body | None:
         if self.video is None and self.scene is None:
             return super().body(stack)
-        # Late, as a program without either needs no physics.
+        # This is imported late, because a program without a body or a scene needs no physics.
         from bricktwin.target import body_of, load_scene
 
         scene = None if self.scene is None else load_scene(self.scene)
@@ -92,18 +93,18 @@ class Run(run.Run):
 
 
 def motors_without_stops(body: Body | None, program: Path) -> list[str]:
-    """Ports of a twin's motors that nothing stops, but those of its drive base, and those that the
-    program does not name, if a program waits for a motor to stall."""
+    """Ports of motors that nothing stops in a twin, if a program waits for a motor to stall. Motors
+    of the drive base are left out, and so are ports that the program does not name."""
     if body is None:
         return []
     text = program.read_text(encoding="utf-8", errors="replace")
     if "run_until_stalled" not in text:
         return []
-    # A program that names no port at all may use any of them.
+    # A program that names no port may compute it, so it may use any port.
     named = set(re.findall(r"\bPort\.([A-F])\b", text))
     base = body.robot.drive_base
     wheels = () if base is None else (base.left, base.right)
-    # A bench has the stops of the description only.
+    # A bench has no method for this: its only stops are those of the description.
     is_stopped = getattr(body, "is_stopped", lambda port: False)
     ports = []
     for motor in body.robot.motors:

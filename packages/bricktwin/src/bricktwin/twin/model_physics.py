@@ -192,6 +192,8 @@ def _set_motors(
     robot: Placed,
 ) -> None:
     """Set the motors' friction and speed."""
+    if not robot.motors.terminals:
+        return
     frictions_nm = engine.parameters("dof_frictionloss")
     drags = engine.parameters("actuator_biasprm")
     nominal_frictions_nm = engine.nominal("dof_frictionloss")

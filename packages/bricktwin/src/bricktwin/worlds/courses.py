@@ -73,14 +73,14 @@ def _maze_wall(start: Point, end: Point) -> Wall:
 
 
 def cans() -> Scene:
-    """Six cans in a row, 350 mm apart, to drive around in a slalom; they can be pushed over.
+    """Five cans in a row, 450 mm apart, to drive around in a slalom; they can be pushed over.
 
     A can is that of a drink: 66 mm wide, 115 mm high, 15 g when it is empty.
     """
     objects = []
-    for number in range(6):
+    for number in range(5):
         color = ("red", "white")[number % 2]
-        place = (400.0 + 350.0 * number, 0.0)
+        place = (450.0 + 450.0 * number, 0.0)
         can = Block(
             place,
             (66.0, 66.0, 115.0),

@@ -31,9 +31,9 @@ SHARP_MM: tuple[Point, ...] = (
     (-400.0, 0.0),
 )
 """Path of the line with sharp bends."""
-_GAPS_MM = ((400.0, 500.0), (1250.0, 1350.0), (2000.0, 2100.0), (2400.0, 2500.0))
-"""Gaps along the simple line, from the end of its first bend. A piece of tape is round, and half
-its width longer at each end."""
+_GAPS_MM = ((1300.0, 1400.0), (1560.0, 1660.0), (3010.0, 3110.0))
+"""Gaps along the simple line, from its first point. A piece of tape is round, and half its width
+longer at each end."""
 
 
 def line_simple() -> Scene:
@@ -67,7 +67,7 @@ def line_junctions() -> Scene:
 
 
 def line_gaps() -> Scene:
-    """A line with four gaps of 80 mm in its straight parts, where a robot has to drive on."""
+    """The simple line with three gaps of 80 mm in its long sides, where a robot has to drive on."""
     ring = (*SIMPLE_MM, SIMPLE_MM[0])
     parts: list[Object] = [Line(part) for part in pieces(ring, _GAPS_MM)]
     return Scene(objects=tuple(parts), start_mm=_EDGE_MM)

@@ -11,12 +11,14 @@ from collections import Counter
 from collections.abc import Sequence
 from importlib import resources
 
+from brickhub.entry import Entry
 from brickhub.errors import DescriptionError, ProgramError
 from brickhub.fields import check_fields
 from brickhub.hub import protocol
 from brickhub.hub.commands import WIRE_MAX, Command
-from brickhub.hub.interface import Channel, Interface
+from brickhub.hub.interface import Channel, Interface, Pitch, Roll
 from brickhub.hub.transport import HubProgram, Pipe
+from brickhub.hub.trial_protocol import SHARE_MAX, TRIAL_END, TrialWire
 from brickhub.robot import Direction, Motor, Robot, Sensor
 from brickhub.robot.spec import HUB_FLAT
 
@@ -24,6 +26,10 @@ WATCHDOG_MS = 400
 """Default silence after which the hub stops its motors; a WATCHDOG frame changes it."""
 END_MS = 10_000
 """Further silence after which the program ends, so that the hub advertises again."""
+LONGEST_TRIAL_MS = 10_000
+"""Time after which a trial ends in any case: nobody has to tell the hub so."""
+TILT_DEG = 35.0
+"""Default pitch or roll that ends a trial."""
 _MAX_SETTLE_MS = 60_000
 """Longest step, shorter than the 65.5 s after which the hub's clock wraps on the wire."""
 
@@ -55,7 +61,7 @@ def validate(robot: Robot, interface: Interface) -> None:
             "the interface has no channels; name at least one, so that the hub has something "
             "to answer"
         )
-    # A command and a channel may have the same name: an angle that is set, and read.
+    # A command and a channel may share a name, because an angle can be both set and read.
     for numbers in (interface.commands, interface.channels):
         counts = Counter(number.name for number in numbers)
         for number in numbers:
@@ -64,7 +70,7 @@ def validate(robot: Robot, interface: Interface) -> None:
             low = number.low
             high = number.high
             largest = WIRE_MAX / number.scale
-            # Written so that a NaN is refused too.
+            # The comparison is written such that it refuses NaN too.
             if not -largest <= low < high <= largest:
                 raise number.error(
                     f" ranges from {low} to {high}; give low < high within +-{largest:g}"
@@ -98,7 +104,7 @@ def validate(robot: Robot, interface: Interface) -> None:
 
 
 def _check_encoders(robot: Robot, interface: Interface) -> None:
-    # A channel of a motor reads its angle; a command may do without.
+    # A channel of a motor needs its encoder, which a command may do without.
     parts: list[Channel | Command] = [*interface.channels]
     parts += [command for command in interface.commands if command.needs_encoder]
     for part in parts:
@@ -127,20 +133,26 @@ def generate(
     """
     validate(robot, interface)
     loop_imports, loop = _onboard("loop")
-    input_imports, input_part = _onboard({Pipe.STDIN: "stdio", Pipe.APP_DATA: "app_data"}[pipe])
+    input_imports, input_part = _input(pipe)
     parts = [
         _constants(robot, interface, pipe),
         *_joint_part(robot, interface),
-        input_part,  # first, since the host may write as soon as the program runs
+        # The input comes first, because the host may write as soon as the program runs.
+        input_part,
         _devices(robot, interface),
         _start_moves(robot, interface),
         _read_channels(robot, interface),
         _onboard("moves")[1],
+        _onboard("frames")[1],
         loop,
     ]
     imports = _robot_imports(robot, interface) + input_imports + loop_imports
-    text = _joined(_header(robot, interface), imports, parts)
-    # The program says its hash, which therefore cannot be that of its own text.
+    return _with_hash(_joined(_header(robot, interface), imports, parts), pipe)
+
+
+def _with_hash(text: str, pipe: Pipe) -> HubProgram:
+    """The program of a text, which says the text's hash."""
+    # It therefore cannot be the hash of its own text.
     program_hash = hashlib.sha256(text.encode()).digest()[:4]
     source = text.replace(_hash_line(bytes(4)), _hash_line(program_hash), 1)
     return HubProgram(source, int.from_bytes(program_hash, "little"), pipe)
@@ -170,20 +182,13 @@ def generate_alone(
         ProgramError: the robot's hub cannot run such a program.
     """
     validate(robot, interface)
-    settle = interface.settle
-    # Of each command: middle and half of its range, on the wire, to which actions are scaled.
-    spans = []
-    for command in interface.commands:
-        middle = (command.low + command.high) / 2
-        half = (command.high - command.low) / 2
-        spans.append((middle * command.scale, half * command.scale))
     policy_imports, policy = _parted(policy)
     alone_imports, alone = _onboard("alone")
     constants = [
-        f"UNTIL_DONE = {settle.fixed_ms is None}  # a step ends when all moves have ended",
-        f"SETTLE_MS = {settle.longest_ms}  # and after this time in any case",
+        *_step_constants(interface),
         f"AGE_MS = {age_ms}  # age of an observation when its commands start",
-        f"SPANS = {tuple(spans)}  # middle and half of each command's range, times its scale",
+        "# Middle and half of each command's range, times its scale.",
+        f"SPANS = {_spans(interface)}",
     ]
     parts = [
         "\n".join(constants) + "\n",
@@ -201,6 +206,87 @@ def generate_alone(
     return HubProgram(_joined(header, imports, parts), 0, says_hello=False)
 
 
+def generate_trials(
+    robot: Robot,
+    interface: Interface,
+    numbers: Sequence[Entry],
+    policy: str,
+    *,
+    tilt_deg: float = TILT_DEG,
+    pipe: Pipe = Pipe.STDIN,
+) -> HubProgram:
+    """Generate a program with which ``robot`` tries a structured policy by itself, one trial at a
+    time, by numbers that the host sends: see `brickhub.hub.trial_protocol`.
+
+    Args:
+        numbers: the policy's numbers ``[p]``, with their ranges.
+        policy: MicroPython that defines ``act_by(observed, numbers)``: actions in -1..1 for all
+            channels, in their units.
+        tilt_deg: pitch or roll that ends a trial, if the interface has them.
+
+    Raises:
+        DescriptionError: robot and interface do not match, or there are no numbers or too many.
+        ProgramError: the robot's hub cannot run such a program.
+    """
+    validate(robot, interface)
+    wire = TrialWire(interface, robot, numbers)
+    policy_imports, policy = _parted(policy)
+    trials_imports, trials = _onboard("trials")
+    input_imports, input_part = _input(pipe)
+    ranges = [((one.low + one.high) / 2, (one.high - one.low) / 2 / SHARE_MAX) for one in numbers]
+    limits = []
+    for index, channel in enumerate(interface.channels):
+        if isinstance(channel, Pitch | Roll):
+            limits.append((index, tilt_deg))
+    constants = [
+        *_wire_constants(wire.answer_format, wire.down_frame_bytes, pipe),
+        f"END_HEAD = bytes([MAGIC, 0, {TRIAL_END}])",
+        f'PIECE_FORMAT = "{wire.piece_format}"  # of a piece of a trial\'s numbers',
+        f"PIECES = {wire.pieces}",
+        "RANGES = (  # middle, and half for the unit on the wire, of each number",
+        *(f"    ({middle:.7g}, {half:.7g})," for middle, half in ranges),
+        ")",
+        "",
+        *_step_constants(interface),
+        "# Middle and half of each command's range, times its scale.",
+        f"SPANS = {_spans(interface)}",
+        f"LIMITS = {tuple(limits)}  # index of a tilt, and where it ends a trial",
+        f"LONGEST_MS = {LONGEST_TRIAL_MS}  # of a trial",
+        f"END_MS = {END_MS}  # silence between trials that ends the program",
+    ]
+    parts = [
+        "\n".join(constants) + "\n",
+        *_joint_part(robot, interface),
+        input_part,
+        _devices(robot, interface),
+        _start_moves(robot, interface),
+        _observe(interface, range(len(interface.channels))),
+        _packed(robot, interface),
+        policy,
+        _onboard("moves")[1],
+        _onboard("frames")[1],
+        trials,
+    ]
+    end = "It makes trials by itself, by numbers that it is told."
+    imports = _robot_imports(robot, interface) + policy_imports + input_imports + trials_imports
+    return _with_hash(_joined(_header(robot, interface, end), imports, parts), pipe)
+
+
+def _input(pipe: Pipe) -> tuple[list[str], str]:
+    """Import lines and body of what talks to the host."""
+    return _onboard({Pipe.STDIN: "stdio", Pipe.APP_DATA: "app_data"}[pipe])
+
+
+def _spans(interface: Interface) -> tuple[tuple[float, float], ...]:
+    """Of each command: middle and half of its range, on the wire, to which actions are scaled."""
+    spans = []
+    for command in interface.commands:
+        middle = (command.low + command.high) / 2
+        half = (command.high - command.low) / 2
+        spans.append((middle * command.scale, half * command.scale))
+    return tuple(spans)
+
+
 def _joined(
     header: str,
     imports: list[str],
@@ -212,7 +298,7 @@ def _joined(
 
 
 def _joint_part(robot: Robot, interface: Interface) -> list[str]:
-    # Only where it is needed: a City hub has 20 KB for the whole program.
+    # A City hub has 20 KB for the whole program, so this is included only where it is needed.
     return [_onboard("joint")[1]] if _joints(robot, interface) else []
 
 
@@ -234,7 +320,7 @@ def onboard_text(name: str) -> str:
     """The hub's part of a file in ``onboard``."""
     file = resources.files(f"{__package__}.onboard").joinpath(f"{name}.py")
     text = file.read_text(encoding="utf-8")
-    # What is before this line speaks to readers and tools on this computer.
+    # What stands before this line is for readers and tools on this computer.
     return text.split("# --- the hub's part ---\n", 1)[1]
 
 
@@ -283,7 +369,6 @@ def _header(
 def _robot_imports(robot: Robot, interface: Interface) -> list[str]:
     motors = _motors(robot, interface)
     sensors = _sensors(robot, interface)
-    # Pairs of a module and a name in it.
     names = {("pybricks.hubs", robot.hub.model.class_name)}
     for motor in motors:
         names.add(("pybricks.pupdevices", motor.kind.model.class_name))
@@ -297,13 +382,53 @@ def _robot_imports(robot: Robot, interface: Interface) -> list[str]:
         names.add(("pybricks.parameters", "Direction"))
     if robot.hub_sides != HUB_FLAT:
         names.add(("pybricks.parameters", "Axis"))
-    # Sorted, so that the text of a program, and with it its hash, is always the same.
+    # Imports are sorted, so that a program always has the same text and thereby the same hash.
     names_of_modules: dict[str, list[str]] = {}
     for module, name in sorted(names):
         names_of_modules.setdefault(module, []).append(name)
     return [
         f"from {module} import {', '.join(its_names)}"
         for module, its_names in names_of_modules.items()
+    ]
+
+
+def _step_constants(interface: Interface) -> list[str]:
+    settle = interface.settle
+    return [
+        f"UNTIL_DONE = {settle.fixed_ms is None}  # a step ends when all moves have ended",
+        f"SETTLE_MS = {settle.longest_ms}  # and after this time in any case",
+    ]
+
+
+def _wire_constants(
+    answer_format: str,
+    down_frame_bytes: int,
+    pipe: Pipe,
+) -> list[str]:
+    sizes = []
+    for kind in protocol.Down:
+        frame_bytes = protocol.CONTROL_OVERHEAD + protocol.DOWN_PAYLOAD_BYTES[kind]
+        sizes.append(f"{kind.name}: {frame_bytes}")
+    app_data_lines = []
+    if pipe is Pipe.APP_DATA:
+        app_data_lines.append(f"SLOT_BYTES = {protocol.APP_DATA_BYTES}  # of AppData")
+    return [
+        (
+            "# The wire, from the same definitions as on the host's side. Kinds of frames "
+            "are ASCII letters."
+        ),
+        f"MAGIC = 0x{protocol.MAGIC:02X}",
+        f"CRC_POLYNOMIAL = 0x{protocol.CRC_POLYNOMIAL:X}",
+        *(f"{kind.name} = {kind.value}  # '{chr(kind.value)}'" for kind in protocol.Down),
+        *(f"{reason.name} = {reason.value}" for reason in protocol.ByeReason),
+        f'ANSWER_FORMAT = "{answer_format}"',
+        f"COMMAND_BYTES = {down_frame_bytes}  # length of a data frame from the host",
+        f"CONTROL_BYTES = {{{', '.join(sizes)}}}",
+        f"PIECE_BYTES = {protocol.NOTIFICATION_BYTES}  # what fits one notification",
+        f"HELLO_HEAD = bytes([MAGIC, 0, {protocol.Up.HELLO.value}, {protocol.PROTOCOL_VERSION}])",
+        f"BYE_HEAD = bytes([MAGIC, 0, {protocol.Up.BYE.value}])",
+        *app_data_lines,
+        _hash_line(bytes(4)),
     ]
 
 
@@ -314,32 +439,10 @@ def _constants(
 ) -> str:
     wire = protocol.WireFormat(interface, robot)
     until_done = interface.settle.fixed_ms is None
-    sizes = []
-    for kind in protocol.Down:
-        frame_bytes = protocol.CONTROL_OVERHEAD + protocol.DOWN_PAYLOAD_BYTES[kind]
-        sizes.append(f"{kind.name}: {frame_bytes}")
-    app_data_lines = []
-    if pipe is Pipe.APP_DATA:
-        app_data_lines.append(f"SLOT_BYTES = {protocol.APP_DATA_BYTES}  # of AppData")
     latest = "at the latest" if until_done else "in any case"
     lines = [
-        (
-            "# The wire, from the same definitions as on the host's side. Kinds of frames "
-            "are ASCII letters."
-        ),
-        f"MAGIC = 0x{protocol.MAGIC:02X}",
-        f"CRC_POLYNOMIAL = 0x{protocol.CRC_POLYNOMIAL:X}",
-        *(f"{kind.name} = {kind.value}  # '{chr(kind.value)}'" for kind in protocol.Down),
-        *(f"{reason.name} = {reason.value}" for reason in protocol.ByeReason),
+        *_wire_constants(wire.answer_format, wire.down_frame_bytes, pipe),
         f'ACTION_FORMAT = "{wire.action_format}"',
-        f'ANSWER_FORMAT = "{wire.answer_format}"',
-        f"COMMAND_BYTES = {wire.down_frame_bytes}  # length of a frame with actions",
-        f"CONTROL_BYTES = {{{', '.join(sizes)}}}",
-        f"PIECE_BYTES = {protocol.NOTIFICATION_BYTES}  # what fits one notification",
-        f"HELLO_HEAD = bytes([MAGIC, 0, {protocol.Up.HELLO.value}, {protocol.PROTOCOL_VERSION}])",
-        f"BYE_HEAD = bytes([MAGIC, 0, {protocol.Up.BYE.value}])",
-        *app_data_lines,
-        _hash_line(bytes(4)),
         "",
         f"UNTIL_DONE = {until_done}  # answer when all moves have ended",
         f"SETTLE_MS = {interface.settle.longest_ms}  # answer after this time {latest}",
@@ -365,7 +468,7 @@ def _sensors(robot: Robot, interface: Interface) -> list[Sensor]:
 
 def _device_names(robot: Robot, interface: Interface) -> list[str]:
     """Names of the motors and sensors of the interface, each once, those of its channels first."""
-    # A dictionary keeps the order of first mention.
+    # A dictionary keeps the order in which names are first mentioned.
     names: dict[str, None] = {}
     for part in (*interface.channels, *interface.commands):
         for name in part.devices(robot):
@@ -383,7 +486,7 @@ def _joints(robot: Robot, interface: Interface) -> set[str]:
     return turned_by_angle & with_range
 
 
-# Pybricks' axes are those of a robot: x forward, y left, z up.
+# No turn is needed, because Pybricks' axes are those of a robot: x forward, y left, z up.
 _AXES = {
     "ahead": "Axis.X",
     "back": "-Axis.X",
@@ -407,15 +510,16 @@ def _devices(robot: Robot, interface: Interface) -> str:
     lines = [hub_line(robot)]
     for motor in _motors(robot, interface):
         lines += _motor_lines(motor, motor.name in joints)
-    # After the motors, of which a drive base is made; equal setups, such as that of the drive base
-    # for several commands, once.
+    # Setups come after the motors, because a drive base is made of them. Equal setups, as of
+    # several commands for one drive base, are written once.
     setups = dict.fromkeys(command.setup(robot) for command in interface.commands)
     setups |= dict.fromkeys(channel.setup(robot) for channel in interface.channels)
     for setup in setups:
         lines += setup
     for sensor in _sensors(robot, interface):
         lines.append(f"sensor_{sensor.name} = {sensor.kind.value}(Port.{sensor.port})")
-    # What stops at the end, and ends a step: both wheels of a drive base by the drive base, once.
+    # A dictionary holds each mover once, because the two wheels of a drive base have a single one
+    # that stops and ends a step.
     movers: dict[str, None] = {}
     for command in interface.commands:
         if command.mover is not None:
@@ -429,7 +533,7 @@ def _motor_lines(motor: Motor, is_joint: bool) -> list[str]:
     arguments = [f"Port.{motor.port}"]
     if motor.direction is Direction.COUNTERCLOCKWISE:
         arguments.append("Direction.COUNTERCLOCKWISE")
-    # Gears are for the angles of an encoder: a DCMotor takes none.
+    # Gears convert the angles of an encoder, so a DCMotor takes none.
     if motor.gears and motor.kind.model.has_encoder:
         arguments.append(f"gears={list(motor.gears)}")
     lines = [f"{variable} = {motor.kind.model.class_name}({', '.join(arguments)})"]
@@ -440,11 +544,12 @@ def _motor_lines(motor: Motor, is_joint: bool) -> list[str]:
         "acceleration": motor.acceleration_deg_s2,
         "torque": motor.torque_limit_mnm,
     }
-    # What is not given keeps the firmware's default.
+    # Limits that are not given keep the firmware's defaults.
     limit_arguments = [f"{name}={value}" for name, value in limits.items() if value is not None]
     if limit_arguments:
         lines.append(f"{variable}.control.limits({', '.join(limit_arguments)})")
-    # Last, as a Joint has only the methods of a motor that commands and channels need.
+    # The Joint wraps the motor last, because it has only the methods that commands and channels
+    # need.
     if is_joint and motor.range_deg is not None:
         low_deg, high_deg = motor.range_deg
         lines.append(f"{variable} = Joint({variable}, {low_deg}, {high_deg})")
@@ -454,11 +559,11 @@ def _motor_lines(motor: Motor, is_joint: bool) -> list[str]:
 def _from_zero(motor: Motor, angle: str) -> str:
     """Expression of the angle relative to the calibrated zero, shifted by whole turns to be near
     the range."""
-    # A hub's angle is in whole degrees, so that it cannot be shifted by turns of a fraction.
+    # A hub reports whole degrees, so turns of a fractional length cannot be added to them.
     if not motor.turn_deg.is_integer():
         return f"{angle} - {motor.zero_deg}"
-    # After it is switched on, a hub knows an angle within one turn of the shaft only. Of the angles
-    # that it may be, the one within half a turn of the middle of the range is taken.
+    # When it is switched on, a hub knows an angle only within one turn of the shaft. Of the
+    # possible angles, the one within half a turn of the middle of the range is taken.
     turn_deg = int(motor.turn_deg)
     middle_deg = sum(motor.range_deg or (0, 0)) // 2
     lowest_deg = middle_deg - turn_deg // 2
@@ -470,11 +575,12 @@ def _start_moves(robot: Robot, interface: Interface) -> str:
         "def start_moves(actions):",
         '    """Start the commands, clamped to their ranges, without waiting for their ends."""',
     ]
-    # By the call on the hub: its first command, and the expressions of all of its commands.
+    # Commands are grouped by their call on the hub, each with its first command and the expressions
+    # of all of them.
     first_commands: dict[str, Command] = {}
     amounts_of_calls: dict[str, dict[str, str]] = {}
     for index, command in enumerate(interface.commands):
-        # The hub clamps to the range, whatever the host sends.
+        # The hub clamps to the range itself, whatever the host sends.
         low = round(command.low * command.scale)
         high = round(command.high * command.scale)
         amount = f"whole(actions[{index}], {low}, {high}, {command.scale})"
@@ -487,8 +593,8 @@ def _start_moves(robot: Robot, interface: Interface) -> str:
 
 
 def _statements(channels: Sequence[Channel]) -> list[str]:
-    """What has to be read before the channels, each once."""
-    # A call that returns several numbers is made once, also as they then belong together.
+    """Statements that read what the channels need, each once."""
+    # A call that returns several numbers is made only once, so that they also belong together.
     statements = dict.fromkeys(channel.statement for channel in channels)
     return [f"    {statement}" for statement in statements if statement is not None]
 
@@ -509,6 +615,22 @@ def _observe(interface: Interface, observed: Sequence[int]) -> str:
 def _wire(channel: Channel, robot: Robot) -> str:
     """Function that makes a channel's wire value: no robot ever counts beyond 32 bits."""
     return "round" if channel.is_wide(robot) else "wire"
+
+
+def _packed(robot: Robot, interface: Interface) -> str:
+    lines = [
+        "def packed(time_ms, observed):",
+        '    """An answer: the clock, and what was observed, each number times its scale."""',
+        "    return ustruct.pack(",
+        "        ANSWER_FORMAT,",
+        "        time_ms,",
+        *(
+            f"        {_wire(channel, robot)}(observed[{index}] * {channel.scale}),"
+            for index, channel in enumerate(interface.channels)
+        ),
+        "    )",
+    ]
+    return "\n".join(lines) + "\n"
 
 
 def _read_channels(robot: Robot, interface: Interface) -> str:

@@ -1,13 +1,13 @@
-"""Robot's file in a tab: the robot and scene in it, and their body on MuJoCo's JavaScript build."""
+"""Robot's file in a tab: the robot and scene in it, and their body."""
 
 import random
 from typing import Any
 
 from brickhub.robot import Robot
 from brickhub.seed import derive_seed
-from bricktwin.site.tab.js_engine import JsEngine
 from bricktwin.site.tab.plain_values import read_plain
 from bricktwin.twin.body import NoiseSources, TwinBody
+from bricktwin.twin.engine import Engine
 from bricktwin.twin.physics import Physics, RandomPhysics
 from bricktwin.twin.scene import Scene
 
@@ -32,9 +32,9 @@ def scene_in(file: dict[str, Any]) -> Scene:
     return scene
 
 
-def body_in_tab(
+def body_of(
     file: dict[str, Any],
-    handle: Any,
+    engine: Engine,
     physics: Physics | RandomPhysics | None = None,
     seed: int = 0,
 ) -> TwinBody:
@@ -42,7 +42,7 @@ def body_in_tab(
     its starts.
 
     Args:
-        handle: an ``Engine`` of ``engine.js`` that was made of the same file.
+        engine: engine of the file's model, in a tab a ``JsEngine``.
         physics: parameters, or a sampler of them for each reset; ``None`` for the defaults.
         seed: seed of the sensors' noise and of the first start.
     """
@@ -50,7 +50,7 @@ def body_in_tab(
     body = TwinBody(
         robot_in(file),
         scene_in(file),
-        JsEngine(handle),
+        engine,
         Physics() if isinstance(physics, RandomPhysics) else physics,
         # A seed for each purpose: how often a sensor is read must not move the start.
         NoiseSources(

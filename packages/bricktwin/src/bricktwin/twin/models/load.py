@@ -53,9 +53,10 @@ def from_file(
         raise TwinError(f"{path} has no body; describe the robot's parts as bodies")
     for geom in spec.geoms:
         if geom.group == OBSTACLE_GROUP:
-            # Ultrasound detects this group only, and must not detect the robot itself.
+            # Ultrasound detects only the group of obstacles, and must not detect the robot itself.
             geom.group = LOOKS_GROUP
-    # Elements are found by the names of the description, and get those that wire them.
+    # Elements of a user's model are found by the names in the description, and get the names by
+    # which they are wired.
     hinges = [joint for joint in spec.joints if joint.type == mujoco.mjtJoint.mjJNT_HINGE]
     for motor in robot.motors:
         joint = _named(
@@ -176,8 +177,8 @@ def load_model(
     add_objects(spec, scene)
     for motor in robot.motors:
         _set_end_stops(spec, robot, motor)
-    # Pairs are right only where all that touches is known: in a model of ours, with nothing that
-    # another thing may push.
+    # Explicit pairs are right only where everything that touches is known: in a generated model,
+    # with nothing that another thing may push.
     if is_generated and alone and not scene.pushable:
         mjcf.pair_contacts(spec)
     return spec
@@ -194,7 +195,7 @@ def _set_end_stops(
         return
     joint = spec.joint(motor_name(motor.port))
     actuator = spec.actuator(motor_name(motor.port))
-    # From degrees at the output to radians of the joint; a negative gear swaps the ends.
+    # Degrees at the output become radians of the joint; a negative gear swaps the ends.
     gear = float(actuator.gear[0])
     stops = [math.radians(angle * motor.shaft_turns) / gear for angle in motor.end_stops_deg]
     low, high = sorted(stops)

@@ -37,7 +37,7 @@ _HIGHEST_MM = 2.4
 _RAMP_MM = 8.0
 """Thickness of a ramp's plate."""
 _CORNERS = 64
-"""Corners of what is drawn as round."""
+"""Number of corners of a shape that is drawn as round."""
 _FLAT_MM = 0.01
 """Thickness of a mark: a mesh needs a volume."""
 _FRICTION = 0.4
@@ -95,7 +95,7 @@ def _add_ramp(
     rise = math.atan2(ramp.height_mm, ramp.length_mm)
     half_length = math.hypot(ramp.length_mm, ramp.height_mm) / 2000
     half_thickness = _RAMP_MM / 2000
-    # The plate's middle is below that of its upper side, at right angles to it.
+    # The middle of the plate lies below the middle of its upper side, at right angles to it.
     cosine = math.cos(rise)
     sine = math.sin(rise)
     ahead = half_length * cosine + half_thickness * sine
@@ -134,7 +134,7 @@ def _add_block(
             is_round=block.round,
         )
         return
-    # What can be pushed is a body with a joint of its own, by whose name a reset finds it.
+    # A reset has to find what can be pushed, so that is a body with a joint whose name says so.
     body = world.add_body(
         name=name,
         pos=position,
@@ -194,14 +194,14 @@ def add_geom(
     """Add an obstacle with half sizes ``half`` (m): a box, or an upright cylinder; one with a mass
     can be pushed."""
     if is_round:
-        # MuJoCo's cylinder has a radius and half a height.
+        # MuJoCo takes a cylinder's radius and half of its height.
         shape = mujoco.mjtGeom.mjGEOM_CYLINDER
         size = [half[0], half[2], 0.0]
     else:
         shape = mujoco.mjtGeom.mjGEOM_BOX
         size = half
-    # Of two that touch, the friction of the higher priority counts: a block's on the floor, a
-    # tyre's on a wall. What is fixed collides with robots only, what moves with all.
+    # Where two shapes touch, the friction of the higher priority counts: a block's on the floor, a
+    # tyre's on a wall. Fixed things collide with robots only, and movable ones with everything.
     sliding = friction if mass_kg else 1.0
     body.add_geom(
         name=name,
@@ -219,14 +219,12 @@ def add_geom(
     )
 
 
-# ---------------------------------------------------------------- on the floor
-
-
 def _draw_marks(spec: mujoco.MjSpec, marks: Sequence[Mark]) -> None:
     """Draw marks, the lowest first, in layers, as a renderer may paint these in the order of their
     heights. Marks of one color that follow one another share a layer, and a mesh."""
     layers = [list(members) for _, members in itertools.groupby(marks, _layer_key)]
-    # Many layers get closer, as the uppermost must not hide the wheels.
+    # The more layers there are, the closer they get, because the uppermost must not hide the
+    # wheels.
     room_mm = _HIGHEST_MM - LOWEST_MM
     rise_mm = min(_LAYER_MM, room_mm / max(1, len(layers)))
     for number, members in enumerate(layers):
@@ -316,7 +314,7 @@ def _line(line: Line) -> Shape:
         pieces.append(disc.at(x, y, 0.0))
     for start, end in map(np.array, line.segments_mm):
         along = end - start
-        # Two equal points are a segment without a direction.
+        # Two equal points make a segment without a direction; the limit avoids dividing by 0.
         length = max(float(np.linalg.norm(along)), 1e-9)
         along_x, along_y = along / length
         side = np.array([-along_y, along_x]) * line.width_mm / 2
@@ -340,7 +338,8 @@ def _flat(outline: Floats) -> Shape:
     up = (0.0, 0.0, 1.0)
     down = (0.0, 0.0, -1.0)
     normals = np.repeat([up, down], count, axis=0)
-    # A fan of triangles around the first corner; seen from below, it goes the other way round.
+    # The outline is a fan of triangles around its first corner; seen from below, it goes the other
+    # way round.
     first = np.zeros(count - 2, int)
     second = np.arange(1, count - 1)
     third = np.arange(2, count)

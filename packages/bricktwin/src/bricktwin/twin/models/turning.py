@@ -31,7 +31,7 @@ def add_rod(
     if spec.tendon(ROD + name) is not None:
         name = f"{name}_{len(spec.tendons)}"
     name = ROD + name
-    # A tendon between the pins measures their distance, and an equality keeps it.
+    # A rod is a tendon that measures the distance of its pins, and an equality that keeps it.
     tendon = spec.add_tendon(name=name, group=SHAPE_GROUP)
     for end, (carrier, pin) in {"near": near, "far": far}.items():
         site = carrier.add_site(
@@ -46,9 +46,10 @@ def add_rod(
         objtype=mujoco.mjtObj.mjOBJ_TENDON,
     )
     constraint.name1 = name
-    # A polynomial of zeros: the length is that of the initial configuration.
+    # With zeros as its polynomial, the tendon keeps the length of the initial configuration.
     constraint.data[:5] = 0.0
-    # Stiff: with MuJoCo's default the ends of a light rod separate by fractions of a millimetre.
+    # The constraint is stiffer than MuJoCo's default, with which the ends of a light rod separate
+    # by fractions of a millimetre.
     constraint.solref = [2 * spec.option.timestep, 1.0]
     constraint.solimp = [0.99, 0.99, 0.001, 0.5, 2.0]
     near_body, near_pin = near
@@ -62,9 +63,9 @@ def add_spinner(
     follower: Follower,
     at_m: Triple,
 ) -> mujoco.MjsBody:
-    """Add a body that turns with a motor, to draw on."""
-    # What turns it is the port in its name, and by how much its user data: both survive in a kept
-    # model, from which `TurningParts` reads them.
+    """Add a body that turns with a motor, on which its parts are drawn."""
+    # The name says which port turns the body, and the user data by how much. A kept model preserves
+    # both, and `TurningParts` reads them from there.
     axis = -follower.axis
     ratio_and_axis = [follower.ratio, *axis.tolist()]
     return body.add_body(
@@ -88,7 +89,8 @@ def add_coupling(
     )
     constraint.name1 = joint
     constraint.name2 = motor_name(geared.port)
-    # Coefficients of a polynomial in the motor's angle: a ratio is its linear term.
+    # The data are the coefficients of a polynomial in the motor's angle, and a ratio is its linear
+    # term.
     constraint.data[:5] = [0.0, geared.ratio, 0.0, 0.0, 0.0]
 
 
@@ -108,5 +110,5 @@ def add_loop(
     constraint.name1 = body.name
     constraint.name2 = other.name
     constraint.data[:3] = at_m
-    # MuJoCo allows no stiffer constraint than one with a time constant of two steps.
+    # A time constant of two steps is the stiffest that MuJoCo allows.
     constraint.solref = [2 * spec.option.timestep, 1.0]
