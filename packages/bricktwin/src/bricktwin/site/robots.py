@@ -22,6 +22,8 @@ PACKED = ".packed"
 OWN = (TWO_WHEELER, WALKER, SCOUT, ROBO_ARM)
 _TITLES = {"two-wheeler": "2Wheeler", "walker": "Walker", "scout": "Scout", "robo-arm": "RoboArm"}
 _OPEN = "open floor"
+_BEHIND = {"distance_m": 1.1, "yaw_deg": -150.0, "pitch_deg": 34.0}
+"""View of a robot in a world: from behind it, so that what is before it is seen."""
 # A robot that does not drive is offered what it can be put into as it is.
 _WITHOUT_WHEELS = ("wall",)
 
@@ -82,6 +84,8 @@ def _write_worlds(
         described["meshes"] = [
             meshes.index(mesh) if mesh in meshes else mesh for mesh in described["meshes"]
         ]
+        if name != _OPEN:
+            described["view"].update(_BEHIND)
         title = name.replace("-", " ")
         path = f"{folder}/{as_file_name(name)}.json"
         write_packed(site / path, {"robot": file, "drawing": described, "start": _start(body)})
