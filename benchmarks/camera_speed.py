@@ -23,6 +23,7 @@ from tensordict import TensorDict
 import bricksrl
 from benchmarks.session import Session
 from bricksrl.agents import make_learner, preset
+from bricksrl.agents.replay.learner import ReplayLearner
 from bricksrl.envs.env import HubEnv
 from bricksrl.envs.tasks.robo_arm_mixed import GOAL
 from bricksrl.envs.vision.camera import CameraView, TwinCamera, Watch
@@ -118,7 +119,7 @@ def learning(name: str) -> dict[str, float]:
         }
         learner.remember(TensorDict(frames, [EPISODE_STEPS]))
     before = TensorDict(rows(1), [1])[0]
-    assert learner.memory is not None
+    assert isinstance(learner, ReplayLearner)
     stored = learner.memory[:]
     return {
         "update_cpu_ms": cpu_ms(lambda: learner.make_updates(1), 20),

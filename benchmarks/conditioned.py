@@ -24,7 +24,6 @@ from brickhub.entry import Entry
 from bricksrl.agents import preset
 from bricksrl.agents.learner import Learner
 from bricksrl.agents.replay.augmentation import MirrorRows
-from bricksrl.agents.search.gait import bounds
 from bricksrl.envs.env_interface import interface_of
 from bricksrl.envs.registry import get_task
 from bricksrl.envs.specs import ObservationLayout
@@ -56,7 +55,7 @@ ranges that are drawn."""
 
 def shares(numbers: Tensor) -> Tensor:
     """Numbers ``[*batch, p]`` in -1..1."""
-    low, high = bounds(ENTRIES)
+    low, high = (torch.tensor([getattr(one, end) for one in ENTRIES]) for end in ("low", "high"))
     return 2 * (numbers - low) / (high - low) - 1
 
 

@@ -17,14 +17,14 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import torch
 from tensordict.nn import TensorDictModule
 
 from benchmarks.learning import has_made
 from benchmarks.scripted import CONTROLLERS
 from benchmarks.session import Session
 from benchmarks.stopping import StopWhen
-from bricksrl.agents.search.gait import PolicySearch, Posterior, bounds, embedded
+from brickhub.search.gaussian_process import GaussianProcess
+from bricksrl.agents.search.gait import PolicySearch
 from bricksrl.training import TrainConfig, train
 
 STEPS, EPISODES, SEED, FIRST_SEED = 300, 2, 4711, 100
@@ -91,12 +91,8 @@ def search(env_id: str, seed: int) -> dict[str, Any]:
         )
         steps = train(config, watch, stop=watch.stop).episodes[-1].steps
     learner: PolicySearch = watch.learner
-    names = [entry.name for entry in learner.actor.structure.numbers]
-    best = {
-        name: round(value, 3)
-        for name, value in zip(names, learner.actor.best.tolist(), strict=True)
-    }
-    trials = {"numbers": learner.numbers.tolist(), "scores": learner.scores.tolist()}
+    names = [entry.name for entry in learner.search.entries]
+    best = {name: round(value, 3) for name, value in zip(names, learner.search.best, strict=True)}
     outcome = evaluated(env_id, TensorDictModule(learner.actor, ["observation"], ["action"]))
     return {
         "steps": steps,
@@ -104,7 +100,7 @@ def search(env_id: str, seed: int) -> dict[str, Any]:
         "falls": watch.falls,
         "cpu_s": round(watch.cpu_s, 2),
         "best": best,
-        "trials": trials,
+        "trials": learner.search.state(),
     }
 
 
@@ -125,26 +121,29 @@ def on_hub(env_id: str, agent: str, episodes: int) -> dict[str, Any]:
 def draw(path: Path, searches: list[dict[str, Any]]) -> None:
     """Draw what the Gaussian process of all trials knows of speed and phase; a dot for each
     trial."""
-    from bricksrl.agents.search.structures import oscillators
+    from bricksrl.agents.search.structures import make_oscillators
     from bricksrl.envs import make
     from bricksrl.plotting import new_figure, save
 
     env = make(WALKER, seed=0)
-    entries = oscillators(env).numbers
+    entries = make_oscillators(env).numbers
     env.close()
-    numbers = torch.tensor([row for one in searches for row in one["trials"]["numbers"]])
-    scores = torch.tensor([score for one in searches for score in one["trials"]["scores"]])
-    low, high = bounds(entries)
-    axis = torch.linspace(0.0, 1.0, 61)
-    across, along = (low[i] + axis * (high[i] - low[i]) for i in (0, 1))
-    grid = torch.stack(torch.meshgrid(across, along, indexing="xy"), -1).view(-1, 2)
-    means, _ = Posterior(embedded(numbers, entries), scores, torch.zeros(len(scores))).at(
-        embedded(grid, entries)
+    numbers = [row for one in searches for row in one["trials"]["numbers"]]
+    scores = [score for one in searches for score in one["trials"]["scores"]]
+    # in the scales of the first search: those of all trials together would take minutes to find
+    process = GaussianProcess(entries, searches[0]["trials"]["scales"], len(scores))
+    for row, score in zip(numbers, scores, strict=True):
+        process.tell(row, score)
+    places = [place / 60 for place in range(61)]
+    across, along = (
+        [entry.low + place * (entry.high - entry.low) for place in places] for entry in entries
     )
+    means = [[process.mean_at((x, y)) for x in across] for y in along]
     figure = new_figure(6.4, 5.2)
     axes = figure.subplots()
-    image = axes.pcolormesh(across, along, means.view(61, 61), cmap="viridis", shading="gouraud")
-    axes.scatter(numbers[:, 0], numbers[:, 1], s=6, c="white", linewidths=0)
+    image = axes.pcolormesh(across, along, means, cmap="viridis", shading="gouraud")
+    tried_across, tried_along = zip(*numbers, strict=True)
+    axes.scatter(tried_across, tried_along, s=6, c="white", linewidths=0)
     axes.set_xlabel("speed / share of the largest")
     axes.set_ylabel("the back lags behind the front by / degrees")
     figure.colorbar(image, label="reward of a step")

@@ -133,7 +133,7 @@ def overhead_share(agent: str) -> float:
         batches = list(learner.batches(UPDATES))
         drawn_s = time.process_time()
         for batch in batches:
-            learner.update(batch)
+            learner.descent.step(batch)
         shares.append((drawn_s - started_s) / (time.process_time() - started_s))
     return round(statistics.median(shares), 3)
 

@@ -37,6 +37,7 @@ from statistics import fmean, stdev
 from typing import Any
 
 import numpy as np
+import torch
 from tensordict.nn import TensorDictModule
 
 import bricksrl
@@ -48,7 +49,6 @@ from brickhub.hub.link.lockstep import HubLink
 from brickhub.target import whole_interface
 from brickhub.virtual.virtual_transport import VirtualHub
 from bricksrl.agents import make_learner, preset
-from bricksrl.agents.search.gait import Posterior, embedded
 from bricksrl.envs.registry import get_task
 from bricksrl.envs.rollout import play, play_episodes, seed_episode
 from bricksrl.evaluation import evaluate
@@ -149,35 +149,22 @@ def gains(seeds: Sequence[tuple[float, float]]) -> dict[str, Any]:
 
 def best_of_many(world: str) -> float:
     """Return of the best of 400 trials in a world."""
-    settings = replace(preset("default", "gait"), random_trials=SPREAD)
+    settings = replace(preset("default", "gait"), random_trials=SPREAD, optimism=HOPE)
     with closing(bricksrl.make(WALKER, seed=0, physics=WORLDS[world])) as env:
-        search: Any = make_learner("gait", env, settings)
-        entries, plan, episode = search.actor.structure.numbers, list(search.start), 0
-        while len(search.scores) < SPREAD + HOPES:
+        learner: Any = make_learner("gait", env, settings)
+        trials, episode = learner.search.trials, 0
+        while len(trials) < SPREAD + HOPES:
             episode += 1
             seed_episode(env, episode)
-            for frame in play(env, search.explore):
-                tried = len(search.scores)
-                search.remember(frame[None])
-                if len(search.scores) == tried:
-                    continue
-                if len(search.scores) == SPREAD:
-                    posterior = Posterior(
-                        embedded(search.numbers, entries), search.scores, search.worlds
-                    )
-                    candidates = search._candidates(entries, search.numbers[search.scores.argmax()])
-                    means, deviations = posterior.at(embedded(candidates, entries))
-                    plan += list(
-                        candidates[(means + HOPE * deviations).argsort(descending=True)[:HOPES]]
-                    )
-                if len(search.scores) == SPREAD + HOPES:
+            for frame in play(env, learner.explore):
+                learner.remember(frame[None])
+                learner.learn()
+                if len(trials) == SPREAD + HOPES:
                     break
-                search.actor.trial.copy_(plan[len(search.scores)])
-            search.end_episodes()
-        points = embedded(search.numbers, entries)
-        means, _ = Posterior(points, search.scores, search.worlds).at(points)
-        search.actor.best.copy_(search.numbers[means.argmax()])
-        policy = TensorDictModule(search.actor, ["observation"], ["action"])
+            learner.end_episodes()
+        best = max((trial.numbers for trial in trials), key=learner.search.process.mean_at)
+        learner.actor.best.copy_(torch.tensor(best))
+        policy = TensorDictModule(learner.actor, ["observation"], ["action"])
         return fmean(score.return_ for score in play_episodes(env, policy, EPISODES, SEED))
 
 

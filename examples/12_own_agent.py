@@ -9,7 +9,8 @@ from dataclasses import dataclass
 
 from torchrl.objectives import DDPGLoss, SoftUpdate
 
-from bricksrl.agents import encoder, learner, networks, operators, settings
+from bricksrl.agents import encoder, networks, operators, settings
+from bricksrl.agents.replay.learner import off_policy_learner
 
 
 @dataclass(frozen=True)
@@ -29,6 +30,4 @@ def build(env, settings: Settings, device="cpu"):
     )
     loss = DDPGLoss(actor, critic, delay_actor=True, delay_value=True).to(device)
     loss.make_value_estimator(gamma=settings.gamma)
-    return learner.off_policy_learner(
-        env, settings, policy.to(device), loss, SoftUpdate(loss, tau=0.005)
-    )
+    return off_policy_learner(env, settings, policy.to(device), loss, SoftUpdate(loss, tau=0.005))

@@ -21,7 +21,8 @@ from torchrl.envs import EnvBase
 from torchrl.envs.utils import ExplorationType, exploration_type
 from torchrl.objectives.common import LossModule
 
-from bricksrl.agents.learner import Learner
+from bricksrl.agents.gradient_descent import GradientDescent
+from bricksrl.agents.replay.learner import ReplayLearner
 
 SLICE = 8
 """Steps of a sequence."""
@@ -107,7 +108,7 @@ class ImitationLoss(LossModule):
         )
 
 
-def build(env: EnvBase, settings: Settings, device: str = "cpu") -> Learner:
+def build(env: EnvBase, settings: Settings, device: str = "cpu") -> ReplayLearner:
     """The agent for an environment."""
     policy = Transformer(env, settings).to(device)
     loss = ImitationLoss(policy)
@@ -115,4 +116,5 @@ def build(env: EnvBase, settings: Settings, device: str = "cpu") -> Learner:
     memory = TensorDictReplayBuffer(
         storage=LazyTensorStorage(100_000), sampler=sampler, batch_size=32 * SLICE
     )
-    return Learner(policy, loss, torch.optim.Adam(loss.parameters(), 1e-3), memory)
+    descent = GradientDescent(loss, torch.optim.Adam(loss.parameters(), 1e-3))
+    return ReplayLearner(policy, descent, memory)

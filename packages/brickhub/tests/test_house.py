@@ -47,11 +47,13 @@ def test_files_that_run_on_a_hub_are_there() -> None:
         "alone",
         "app_data",
         "find_stops",
+        "frames",
         "inventory",
         "joint",
         "loop",
         "moves",
         "stdio",
+        "trials",
         "wheels",
     }
 

@@ -158,7 +158,7 @@ def check_call(
     try:
         signature = inspect.signature(function, eval_str=True)
     except Exception:  # noqa: BLE001
-        # - an annotation is any expression; one that fails checks nothing
+        # An annotation is any expression and may raise anything; one that fails checks nothing.
         signature = inspect.signature(function)
     parameters = signature.parameters
     # All missing options are named at once, so that nobody has to try once for each.

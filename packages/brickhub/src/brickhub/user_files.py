@@ -222,7 +222,12 @@ def _parts(reference: str) -> tuple[str, str]:
 
 
 def check_there(reference: str) -> None:
-    """Check that the file of a reference is there. Raises UnknownNameError if not."""
+    """Check that the file of a reference is there. Raises UnknownNameError if not, or if the
+    reference is empty, as a variable of a shell is that was never set."""
+    if not reference.strip():
+        raise UnknownNameError(
+            f"the name '{reference}' is empty; give one, or leave the option out"
+        )
     location, _ = _parts(reference)
     path = Path(location)
     if not location.endswith(".py") or path.is_file():

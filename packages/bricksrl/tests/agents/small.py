@@ -17,7 +17,7 @@ from torchrl.envs.utils import ExplorationType, set_exploration_type
 import bricksrl
 from bricksrl.agents import make_learner, preset
 from bricksrl.agents.learner import Learner
-from bricksrl.agents.offline.bc import recorded_memory
+from bricksrl.agents.offline.imitation import ImitationLearner, recorded_memory
 from bricksrl.envs.transforms import layout_of
 
 
@@ -94,7 +94,7 @@ def settings(agent: str, *, images: bool = False, **changes: Any) -> Any:
     )
 
 
-def make(agent: str, seed: int = 11, env: Any = ENV, **changes: Any) -> Learner:
+def make(agent: str, seed: int = 11, env: Any = ENV, **changes: Any) -> Any:
     """An untrained learner."""
     torch.manual_seed(seed)
     return make_learner(agent, env, settings(agent, images=env is SIGHT, **changes))
@@ -130,7 +130,7 @@ def learned(agent: str, updates: int = 3, **changes: Any) -> Learner:
 def taught(learner: Learner, updates: int = 3) -> Learner:
     """The learner after some frames and updates."""
     torch.manual_seed(2)
-    if learner.imitates:
+    if isinstance(learner, ImitationLearner):
         learner.dataset = dataset(chunk=learner.chunk)
     if learner.on_policy:
         ENV.set_seed(5)

@@ -141,7 +141,7 @@ def test_policy_state_restores_actions(agent: str) -> None:
 def go_on(learner: Learner) -> list[Tensor]:
     """Continue with more frames and updates."""
     torch.manual_seed(1)
-    if learner.imitates:
+    if learner.needs_dataset:
         learner.dataset = dataset(chunk=learner.chunk)
     if learner.on_policy:
         ENV.set_seed(6)
@@ -174,7 +174,7 @@ def test_restored_state_continues_bit_identical(agent: str, buffer_size: int) ->
 
 
 def _after_steps(learner: Learner) -> Learner:
-    if learner.imitates or learner.on_policy:
+    if learner.needs_dataset or learner.on_policy:
         return taught(learner)
     torch.manual_seed(2)
     for frame in steps(14):  # an odd number of updates, and a part of one
@@ -367,7 +367,7 @@ def _with(agent: str, **changes: Any) -> list[Tensor]:
     """Weights and number of updates after some learning with a changed setting."""
     changes = {"batch_size": 4, **changes} if agent == "ppo" else changes
     learner = make(agent, **changes)
-    if learner.on_policy or learner.imitates:
+    if learner.on_policy or learner.needs_dataset:
         taught(learner)
     else:
         torch.manual_seed(2)

@@ -222,7 +222,7 @@ def test_chunk_policy_equals_list_reference(
 def test_chunk_length_follows_settings() -> None:
     assert (make("act").chunk, make("diffusion").chunk, make("sac").chunk) == (8, 4, 0)
     assert settings("act").executed == 1
-    assert make("act", env=ENV).imitates
+    assert make("act", env=ENV).needs_dataset
 
 
 def test_reset_reaches_the_policy_that_acts_on_another_device() -> None:

@@ -11,20 +11,20 @@ from torch import Tensor
 
 from bricksrl.agents.actor_critic import ActorCriticLoss
 from bricksrl.agents.compiled import CompiledGradients, compile_updates
-from bricksrl.agents.learner import Learner
+from bricksrl.agents.gradient_descent import GradientLearner
 from bricksrl.agents.teachers import hold
 from bricksrl.errors import RunError
 
 
-def compiled(learner: Learner, backend: str = "eager") -> CompiledGradients:
+def compiled(learner: GradientLearner, backend: str = "eager") -> CompiledGradients:
     """Traced without machine code, which needs no C++ compiler."""
     assert isinstance(learner.loss, ActorCriticLoss)
     return CompiledGradients(learner.loss, learner.device, backend)
 
 
-def gradients(learner: Learner) -> list[Tensor | None]:
-    found = [None if one.grad is None else one.grad.clone() for one in learner.parameters()]
-    for one in learner.parameters():
+def gradients(learner: GradientLearner) -> list[Tensor | None]:
+    found = [None if one.grad is None else one.grad.clone() for one in learner.descent.parameters()]
+    for one in learner.descent.parameters():
         one.grad = None
     return found
 
@@ -57,7 +57,7 @@ def test_compiled_losses_and_gradients_equal_eager(agent: str, changes: dict[str
 
 def test_updates_use_compiled_gradients() -> None:
     one, other = learned("sac", actor_delay=2), learned("sac", actor_delay=2)
-    other.gradients = compiled(other)
+    other.descent.gradients = compiled(other)
     for learner in (one, other):
         torch.manual_seed(3)
         told = learner.make_updates(4)

@@ -14,23 +14,18 @@ from torch import Tensor
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 
 import bricksrl
-from brickhub.entry import Entry
+from brickhub.hub.interface import Interface, MotorAngle, RunSpeed, Wait
+from brickhub.robot import HubKind, Motor, Robot
+from brickhub.search.oscillators import oscillators
 from bricksrl.agents import make_learner, preset
-from bricksrl.agents.search.gait import (
-    LEVEL,
-    REACH,
-    GaitSettings,
-    PolicySearch,
-    Posterior,
-    embedded,
-)
-from bricksrl.agents.search.structures import oscillators
+from bricksrl.agents.search.gait import GaitSettings, PolicySearch
+from bricksrl.agents.search.structures import Oscillators, make_oscillators
 from bricksrl.envs import make
 from bricksrl.errors import DescriptionError, RunError, UnknownNameError
 from bricksrl.training import TrainConfig, resume, train
 from bricksrl.training.learners import load_learner
 
-ANGLE, SHARE = Entry("phase", 0.0, 360.0, "deg", wraps=True), Entry("speed", -1.0, 1.0)
+SIX = [Motor(name, port) for name, port in zip("abcdef", "ABCDEF", strict=True)]
 
 
 def searcher(env: str = "WalkerSim-v0", **changes: object) -> PolicySearch:
@@ -57,11 +52,11 @@ def frame(reward: float, pitch: float = 0.0, *, terminated: bool = False) -> Ten
 
 def tried(learner: PolicySearch, reward: float, **kinds: object) -> dict[str, Tensor]:
     """A whole trial, or what a tilt leaves of one."""
-    before = len(learner.scores)
+    before = len(learner.search.trials)
     for _ in range(learner.settings.trial_steps):
         learner.remember(frame(reward, **kinds))
         metrics = learner.learn()
-        if len(learner.scores) > before:
+        if len(learner.search.trials) > before:
             return metrics
     raise AssertionError
 
@@ -79,7 +74,7 @@ def test_a_search_finds_the_top_of_a_landscape_in_thirty_trials_with_noise() -> 
     for _ in range(30):
         tried(learner, hill(learner.actor.trial) + 0.1 * float(torch.randn((), generator=noise)))
     assert hill(learner.actor.best) > 0.85
-    assert len(learner.scores) == 30
+    assert len(learner.search.trials) == 30
 
 
 def test_scores_count_once_the_robot_has_settled() -> None:
@@ -88,7 +83,7 @@ def test_scores_count_once_the_robot_has_settled() -> None:
         learner.remember(frame(reward))
         assert not learner.actor.trial.isnan().any()
     metrics = learner.learn()
-    assert float(learner.scores[0]) == 2.25 == float(metrics["trial_reward"]), (
+    assert learner.search.trials[0].score == 2.25 == float(metrics["trial_reward"]), (
         "what is in the middle counts most"
     )
     assert tuple(metrics) == ("trial_reward", "best_reward", "noise")
@@ -99,7 +94,7 @@ def test_a_trial_that_tilts_ends_at_once_and_is_never_good(kind: dict[str, objec
     learner = searcher()
     tried(learner, 0.5)
     learner.remember(frame(2.0, **kind))
-    assert learner.scores.tolist() == [0.5, 0.5]
+    assert [trial.score for trial in learner.search.trials] == [0.5, 0.5]
     assert not learner.rewards
 
 
@@ -111,9 +106,10 @@ def test_a_trial_that_reaches_its_goal_is_as_good_as_its_rewards() -> None:
             "reward": torch.tensor([[2.0]]),
             "terminated": torch.tensor([[True]]),
         }
-        learner.scores = torch.tensor([0.5, -1.0])
+        learner.search.trials[:] = learner.search.trials[:1]
+        learner.search.tell(-1.0)
         learner.remember(TensorDict({"next": TensorDict(after, [1])}, [1]))
-        assert float(learner.scores[-1]) == (2.0 if observation.sum() == 0 else -1.0)
+        assert learner.search.trials[-1].score == (2.0 if observation.sum() == 0 else -1.0)
 
 
 def test_a_trial_that_no_episode_holds_is_refused() -> None:
@@ -130,11 +126,11 @@ def test_a_trial_that_no_episode_holds_is_refused() -> None:
 
 def test_legs_are_where_transforms_leave_them() -> None:
     plain, stacked = (
-        oscillators(make("WalkerSim-v0", seed=0, frame_stack=count)) for count in (1, 3)
+        make_oscillators(make("WalkerSim-v0", seed=0, frame_stack=count)) for count in (1, 3)
     )
     assert plain.angles.tolist() == [0, 1, 2, 3]
     assert stacked.angles.tolist() == [14, 15, 16, 17], "in the newest observation"
-    skipping = oscillators(make("WalkerSim-v0", seed=0, frame_skip=2))
+    skipping = make_oscillators(make("WalkerSim-v0", seed=0, frame_skip=2))
     assert torch.equal(skipping.gains, plain.gains / 2), "an action turns a leg twice"
     learner = make_learner("gait", make("WalkerSim-v0", seed=0, frame_stack=3))
     assert isinstance(learner, PolicySearch)
@@ -146,8 +142,9 @@ def test_the_best_known_stays_unless_another_is_better_by_more_than_the_doubt() 
     for learner in (bold, cautious):
         for reward in (0.5, 0.4, 0.6, 0.7, 0.9):
             tried(learner, reward)
-    assert torch.equal(cautious.actor.best, cautious.numbers[0])
-    assert not torch.equal(bold.actor.best, bold.numbers[0])
+    assert cautious.search.best == cautious.search.trials[0].numbers
+    assert bold.search.best != bold.search.trials[0].numbers
+    assert torch.equal(bold.actor.best, torch.tensor(bold.search.best))
 
 
 def test_exploring_tries_and_exploiting_does_the_best() -> None:
@@ -161,53 +158,26 @@ def test_exploring_tries_and_exploiting_does_the_best() -> None:
         assert actor(in_phase).tolist() == [-1.0] * 4
 
 
-def test_a_process_knows_what_it_was_told_and_that_359_is_near_1_degree() -> None:
-    numbers = torch.tensor([[1.0, 0.0], [90.0, 0.5], [180.0, -0.5], [270.0, 0.9]])
-    scores = torch.tensor([3.0, 1.0, 0.0, 1.0])
-    posterior = Posterior(embedded(numbers, (ANGLE, SHARE)), scores, torch.zeros(4))
-    means, doubts = posterior.at(
-        embedded(torch.tensor([[1.0, 0.0], [359.0, 0.0], [45.0, -0.9]]), (ANGLE, SHARE))
+def test_a_batch_acts_as_one_robot_does() -> None:
+    six = oscillators(
+        Robot("six", HubKind.PRIME, tuple(SIX), mirrored=(("a", "b"), ("c", "d"))),
+        Interface(
+            tuple(RunSpeed(motor.name, -400, 200) for motor in SIX),
+            tuple(MotorAngle(motor.name) for motor in SIX),
+            Wait(100),
+        ),
     )
-    assert float((means[0] - 3.0).abs()) < 3 * float(posterior.noise)
-    assert float((means[0] - means[1]).abs()) < 0.02
-    assert doubts[2] > doubts[1]
-    gain, doubt = posterior.gain(*embedded(numbers[:2], (ANGLE, SHARE)))
-    both, _ = posterior.at(embedded(numbers[:2], (ANGLE, SHARE)))
-    assert gain == pytest.approx(float(both[0] - both[1]), abs=1e-9)
-    assert doubt > 0
-
-
-def test_the_posterior_is_that_of_the_formulas() -> None:
-    """Mean and deviation by the inverse of the kernel's matrix, with the scales that were found."""
-    numbers, scores = torch.rand(6, 2).mul(2).sub(1), torch.rand(6).double()
-    entries, worlds = (SHARE, SHARE), torch.tensor([0, 0, 0, 0, 1, 1])
-    points, new = embedded(numbers, entries), embedded(torch.rand(3, 2), entries)
-    posterior = Posterior(points, scores, worlds)
-    *lengths, peculiar, amplitude, noise = posterior.scales.detach().exp().tolist()
-
-    def kernel(a: Tensor, b: Tensor, own: Tensor) -> Tensor:
-        apart = ((a[:, None] - b[None]).square().sum(-1) / torch.tensor(lengths).double() ** 2).sum(
-            -1
-        )
-        peculiarity = LEVEL**2 + peculiar**2 * (-apart / REACH**2 / 2).exp()
-        return amplitude**2 * ((-apart / 2).exp() + own * peculiarity)
-
-    there = worlds == 1
-    inverse = torch.linalg.inv(
-        kernel(points, points, there[:, None] & there) + (noise**2 + 1e-8) * torch.eye(6)
-    )
-    cross = kernel(new, points, there)
-    mean = scores.mean() + cross @ inverse @ (scores - scores.mean())
-    variance = (
-        amplitude**2 * (1 + LEVEL**2 + peculiar**2) - (cross @ inverse * cross).sum(-1)
-    ) * scores.var()
-    found = posterior.at(new)
-    assert torch.allclose(found[0], mean)
-    assert torch.allclose(found[1] ** 2, variance, atol=1e-9)
+    assert {leg.sign for leg in six.legs} == {1, -1}
+    torch.manual_seed(0)
+    observation = torch.rand(5, 6) * 360.0
+    numbers = torch.rand(5, len(six.numbers)) * 360.0
+    numbers[:, 0] = numbers[:, 0] / 180.0 - 1.0
+    singly = list(map(six.act, observation.tolist(), numbers.tolist()))
+    assert torch.allclose(Oscillators(six)(observation, numbers), torch.tensor(singly), atol=1e-4)
 
 
 def test_legs_come_to_their_phases_whatever_their_start() -> None:
-    structure = oscillators(make("WalkerSim-v0", seed=0))
+    structure = make_oscillators(make("WalkerSim-v0", seed=0))
     assert [entry.name for entry in structure.numbers] == ["speed", "left_back_phase"]
     angles, numbers = torch.tensor([10.0, 200.0, 90.0, 300.0]), torch.tensor([-0.2, 140.0])
     for _ in range(30):
@@ -261,11 +231,10 @@ def test_a_resumed_search_goes_on_with_the_same_numbers() -> None:
     second.load_state_dict(first.state_dict())
     proposals = []
     for learner in (first, second):
-        torch.manual_seed(5)
         tried(learner, 1.5)
         proposals.append(learner.actor.trial.clone())
     assert torch.equal(*proposals)
-    assert torch.equal(first.numbers, second.numbers)
+    assert first.search.trials == second.search.trials
 
 
 def test_a_search_goes_on_elsewhere_from_what_it_knows() -> None:
@@ -284,8 +253,8 @@ def test_a_search_goes_on_elsewhere_from_what_it_knows() -> None:
     assert lowest > -0.5  # it does not search everywhere again: the lowest point is at -3.25
     again = searcher()
     again.load_state_dict(learner.state_dict())
-    assert (again.world, len(again.start)) == (1, 1)
-    assert again.worlds.tolist() == [0] * 30 + [1] * 12
+    assert again.search.world == 1
+    assert [trial.world for trial in again.search.trials] == [0] * 30 + [1] * 12
 
 
 def test_runs_resume_bit_for_bit_and_show_their_trials(tmp_path: Path) -> None:
@@ -322,9 +291,10 @@ def test_a_run_goes_on_from_another(tmp_path: Path) -> None:
     )
     assert isinstance(first, PolicySearch)
     assert isinstance(second, PolicySearch)
-    assert second.worlds.tolist() == [0] * 5 + [1] * 5
-    assert torch.equal(second.numbers[5], first.actor.best)
-    assert torch.equal(second.scores[:5], first.scores)
+    trials = second.search.trials
+    assert [trial.world for trial in trials] == [0] * 5 + [1] * 5
+    assert trials[5].numbers == first.search.best
+    assert trials[:5] == first.search.trials
 
 
 def test_copies_try_the_same_numbers_together(tmp_path: Path) -> None:

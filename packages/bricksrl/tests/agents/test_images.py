@@ -12,7 +12,7 @@ from tensordict import TensorDict
 from bricksrl.agents import make_learner
 from bricksrl.agents.actor_critic import ActorCriticLoss
 from bricksrl.agents.learner import Learner
-from bricksrl.agents.offline.bc import recorded_memory
+from bricksrl.agents.offline.imitation import recorded_memory
 
 SEEING = ("sac", "droq", "td3", "crossq", "tqc", "iql", "cql", "td3bc")
 

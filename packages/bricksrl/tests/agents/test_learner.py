@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import pytest
 import torch
 from small import (
@@ -25,9 +27,13 @@ from torchrl.objectives.common import LossModule
 
 import bricksrl
 from bricksrl.agents.features import ENOUGH, reward_unit
+from bricksrl.agents.gradient_descent import GradientDescent
 from bricksrl.agents.learner import Learner
+from bricksrl.agents.on_policy import OnPolicyLearner
 from bricksrl.agents.replay.buffer import TransitionReplayBuffer, make_replay_buffer
+from bricksrl.agents.replay.learner import ReplayLearner
 from bricksrl.agents.td3 import TD3Loss
+from bricksrl.errors import RunError
 
 
 class Counting(LossModule):  # type: ignore[misc]
@@ -73,13 +79,22 @@ class Descent(torch.optim.SGD):
         super().step()
 
 
-def counting(**changes: object) -> tuple[Learner, Counting, list[str]]:
+def acting() -> TensorDictModule:
+    return TensorDictModule(nn.Linear(8, 4), in_keys=["observation"], out_keys=["action"])
+
+
+def counted(**changes: Any) -> GradientDescent:
     log: list[str] = []
     loss = Counting(log)
+    usual = {"minimised": ("loss_qvalue", "loss_actor"), **changes}
+    return GradientDescent(loss, Descent(loss, log), Target(log), **usual)
+
+
+def counting(updates_per_step: float = 1.0, **changes: Any) -> tuple[ReplayLearner, Counting, Any]:
+    descent = counted(**changes)
     memory = TransitionReplayBuffer(100, 4, ("observation",))
-    policy = TensorDictModule(nn.Linear(8, 4), in_keys=["observation"], out_keys=["action"])
-    usual = {"descend": ("loss_qvalue", "loss_actor"), **changes}
-    return Learner(policy, loss, Descent(loss, log), memory, Target(log), **usual), loss, log  # type: ignore[arg-type]
+    learner = ReplayLearner(acting(), descent, memory, updates_per_step)
+    return learner, descent.loss, descent.loss.log
 
 
 def test_update_order_is_losses_optimizer_targets() -> None:
@@ -99,8 +114,8 @@ def test_update_order_is_losses_optimizer_targets() -> None:
 
 
 def test_only_selected_losses_are_minimised() -> None:
-    for descend, expected in ((("loss_actor",), (1.0, 0.0)), (None, (-100.0, 0.0))):
-        learner, loss, _ = counting(descend=descend)
+    for minimised, expected in ((("loss_actor",), (1.0, 0.0)), (None, (-100.0, 0.0))):
+        learner, loss, _ = counting(minimised=minimised)
         learner.remember(steps(8))
         learner.make_updates(1)
         assert (float(loss.critic.detach()), float(loss.actor.detach())) == expected
@@ -124,7 +139,7 @@ def test_actor_and_targets_are_delayed() -> None:
 
 
 def test_gradient_norm_is_clipped() -> None:
-    learner, loss, _ = counting(clip_norm=0.5, descend=None)
+    learner, loss, _ = counting(clip_norm=0.5, minimised=None)
     learner.remember(steps(8))
     learner.make_updates(1)
     change = torch.stack((1.0 - loss.critic.detach(), 1.0 - loss.actor.detach()))
@@ -164,14 +179,14 @@ def test_empty_memory_makes_no_update() -> None:
     assert learner.updates == 0
 
 
-def on_policy(passes: int, rows: int) -> tuple[Learner, Counting]:
-    learner, loss, _ = counting(on_policy=True, updates_per_step=passes)
-    learner.memory = TensorDictReplayBuffer(
+def on_policy(passes: int, rows: int) -> tuple[OnPolicyLearner, Any]:
+    memory = TensorDictReplayBuffer(
         storage=LazyTensorStorage(rows),
         sampler=SamplerWithoutReplacement(),
         batch_size=min(4, rows),
     )
-    return learner, loss
+    descent = counted()
+    return OnPolicyLearner(acting(), descent, memory, passes=passes), descent.loss
 
 
 @pytest.mark.parametrize(
@@ -188,7 +203,7 @@ def test_on_policy_passes_use_each_row_once(passes: int, rows: int, batches: int
         assert len(loss.seen) == batches
         counts = torch.cat(loss.seen).long().bincount(minlength=100 * round_ + rows)[100 * round_ :]
         assert counts.tolist() == [passes] * rows
-        assert len(learner.memory) == 0  # type: ignore[arg-type]
+        assert len(learner.memory) == 0
 
 
 def test_half_of_each_batch_comes_from_the_dataset() -> None:
@@ -218,7 +233,7 @@ def test_goals_are_replaced_beside_a_dataset(batch_size: int) -> None:
     learner = make("sac", hindsight=0.5, new_goals=0.5, batch_size=batch_size)
     collected, known = steps(30), steps(40)
     learner.remember(collected)
-    learner.dataset = learner.memory.empty_like(40)  # type: ignore[union-attr]
+    learner.dataset = learner.memory.empty_like(40)
     learner.dataset.extend(known)
     goals = {
         tuple(row) for frames in (collected, known) for row in frames["observation"][:, 4:].tolist()
@@ -264,8 +279,8 @@ def test_dataset_equals_same_experience() -> None:
 def test_update_metrics_are_declared_by_loss(agent: str) -> None:
     learner = make(agent)
     told: dict[str, Tensor] = {}
-    update = learner.update
-    learner.update = lambda batch: told.update(found := update(batch)) or found  # type: ignore[method-assign]
+    step = learner.descent.step
+    learner.descent.step = lambda batch: told.update(found := step(batch)) or found
     taught(learner)
     assert told
     assert all(
@@ -310,6 +325,14 @@ def test_imitator_ignores_own_frames() -> None:
     assert learner.make_updates(3) == {}
     learner.dataset = dataset()
     assert "loss_bc" in learner.make_updates(3)
+
+
+@pytest.mark.parametrize("agent", ["ppo", "random"])
+def test_what_learns_from_no_dataset_refuses_one(agent: str) -> None:
+    learner = make(agent)
+    assert not learner.uses_dataset
+    with pytest.raises(RunError, match="cannot use a dataset; choose another agent"):
+        learner.use_dataset(steps(5))
 
 
 def test_frames_with_lost_link_are_not_stored() -> None:
@@ -409,7 +432,7 @@ def test_values_bootstrap_at_truncation_not_termination(agent: str, terminated: 
 
 def test_learning_leaves_no_gradients() -> None:
     learner = learned("sac")
-    assert all(parameter.grad is None for parameter in learner.loss.parameters())  # type: ignore[union-attr]
+    assert all(parameter.grad is None for parameter in learner.loss.parameters())
 
 
 def first_values(*, terminated: bool = False, **changes: object) -> Tensor:
@@ -450,10 +473,10 @@ def test_critics_start_only_once() -> None:
 
 
 def test_policy_of_an_environment_without_a_device_acts_on_the_cpu() -> None:
-    policy = TensorDictModule(nn.Linear(8, 4), in_keys=["observation"], out_keys=["action"])
-    learner = Learner(
-        policy, optimizer=torch.optim.SGD([nn.Parameter(torch.zeros(1, device="meta"))])
-    )
+    policy = acting()
+    elsewhere = torch.optim.SGD([nn.Parameter(torch.zeros(1, device="meta"))])
+    memory = TransitionReplayBuffer(100, 4, ("observation",))
+    learner = ReplayLearner(policy, GradientDescent(Counting([]), elsewhere), memory)
     assert learner.device.type == "meta"
     learner.act_on(bricksrl.make("RunAway-v0").device)
     assert learner.acting is not policy and learner.acting.module.weight.device.type == "cpu"
@@ -472,16 +495,16 @@ def test_networks_start_anew_with_the_replay_kept(agent: str) -> None:
         for name, value in learner.policy.named_parameters()
         if value.ndim == 2
     )
-    assert len(learner.memory) == 40 and not learner.optimizer.state  # type: ignore[arg-type, union-attr]
-    critics, targets = learner.loss.critics.parameters(), learner.loss.target_critics.parameters()  # type: ignore[union-attr]
+    assert len(learner.memory) == 40 and not learner.descent.optimizer.state
+    critics, targets = learner.loss.critics.parameters(), learner.loss.target_critics.parameters()
     assert all((one == other).all() for one, other in zip(critics, targets, strict=True))
-    assert learner.make_updates(1) and learner.optimizer.state  # type: ignore[union-attr]
+    assert learner.make_updates(1) and learner.descent.optimizer.state
 
 
 @pytest.mark.parametrize("agent", ["sac", "td3", "cql"])
 def test_smooth_errors_are_linear_beyond_one(agent: str) -> None:
-    smooth = make(agent, critic_loss="smooth-l1").loss.errors  # type: ignore[union-attr]
-    squared = make(agent).loss.errors  # type: ignore[union-attr]
+    smooth = make(agent, critic_loss="smooth-l1").loss.errors
+    squared = make(agent).loss.errors
     values, target = torch.tensor([[0.5, 3.0], [0.0, 0.0]]), torch.zeros(2)
     assert (float(smooth(values, target)), float(squared(values, target))) == (
         (0.125 + 2.5) / 2,
@@ -491,8 +514,8 @@ def test_smooth_errors_are_linear_beyond_one(agent: str) -> None:
 
 def test_dropout_of_the_actor_trains_it_and_does_not_act() -> None:
     learner = make("sac", actor_dropout=0.5)
-    features = torch.zeros(4, learner.loss.encoder.size)  # type: ignore[union-attr]
-    actor = learner.loss.actor  # type: ignore[union-attr]
+    features = torch.zeros(4, learner.loss.encoder.size)
+    actor = learner.loss.actor
     assert (actor(features)[0] != actor(features)[1]).any()
     acted = [learner.exploit(ENV.reset().clone())["action"] for _ in range(2)]
     assert len(acted) == 2 and not learner.policy.training

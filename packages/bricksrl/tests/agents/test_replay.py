@@ -12,10 +12,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tensordict import TensorDict
 
-from bricksrl.agents.learner import load_memory_state, memory_state
-from bricksrl.agents.offline.bc import recorded_memory
+from bricksrl.agents.offline.imitation import recorded_memory
 from bricksrl.agents.replay.augmentation import ShiftImages
 from bricksrl.agents.replay.buffer import TransitionReplayBuffer
+from bricksrl.agents.replay.memory_state import load_memory_state, memory_state
 from bricksrl.envs.specs import ImageShape
 from bricksrl.errors import DescriptionError
 

@@ -30,6 +30,7 @@ from torchrl.objectives import REDQLoss, SoftUpdate
 from torchrl.objectives import SACLoss as TorchRLSACLoss
 
 from bricksrl.agents.actor_critic import PolyakUpdate
+from bricksrl.agents.gradient_descent import GradientDescent
 from bricksrl.agents.networks import Dropout
 from bricksrl.agents.offline.cql import log_prob
 from bricksrl.agents.sac import SACLoss, SACSettings, location_and_scale
@@ -157,12 +158,9 @@ def test_target_critics_are_redrawn_each_update() -> None:
 
 @pytest.mark.parametrize("delay", [1, 3])
 def test_whole_updates_equal_torchrl(delay: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    from bricksrl.agents.learner import Learner
-
     loss = make(norm="layer")
     oracle, targets = oracle_of(loss, tau=0.2)
-    learner = Learner(
-        policy=their_gaussian(loss.actor, 0.1),
+    descent = GradientDescent(
         loss=loss,
         optimizer=torch.optim.Adam(
             [one for one in loss.parameters() if one.requires_grad], lr=3e-3, fused=True
@@ -175,7 +173,7 @@ def test_whole_updates_equal_torchrl(delay: int, monkeypatch: pytest.MonkeyPatch
         data, noise = batch(N), draws()
         with monkeypatch.context() as patched:
             noise.for_ours(patched, "after", "now")
-            told = learner.update(data)
+            told = descent.step(data)
         assert ("loss_actor" in told) == (number % delay == 0)
         with monkeypatch.context() as patched:
             noise.for_theirs(patched, "after", "now")

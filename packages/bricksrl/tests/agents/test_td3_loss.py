@@ -23,7 +23,7 @@ from torchrl.objectives import SoftUpdate
 from torchrl.objectives import TD3Loss as TorchRLTD3Loss
 
 from bricksrl.agents.actor_critic import PolyakUpdate
-from bricksrl.agents.learner import Learner
+from bricksrl.agents.gradient_descent import GradientDescent
 from bricksrl.agents.td3 import TD3Loss, TD3Settings
 
 pytestmark = pytest.mark.usefixtures("double")
@@ -59,8 +59,7 @@ def test_losses_and_gradients_equal_torchrl(steps: bool, monkeypatch: pytest.Mon
 def test_whole_updates_equal_torchrl(monkeypatch: pytest.MonkeyPatch) -> None:
     loss = make()
     oracle, targets = oracle_of(loss, tau=0.2)
-    learner = Learner(
-        policy=their_deterministic(loss.actor),
+    descent = GradientDescent(
         loss=loss,
         optimizer=torch.optim.Adam(
             [one for one in loss.parameters() if one.requires_grad], lr=3e-3, fused=True
@@ -78,7 +77,7 @@ def test_whole_updates_equal_torchrl(monkeypatch: pytest.MonkeyPatch) -> None:
     for number in range(1, 7):
         data, noise = batch(N), torch.randn(N, ACTION)
         monkeypatch.setattr(torch, "randn_like", lambda like, noise=noise: noise.clone())
-        learner.update(data)
+        descent.step(data)
         losses = (
             [oracle.value_loss(data)[0]]
             if number % 2

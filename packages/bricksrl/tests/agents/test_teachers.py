@@ -9,16 +9,16 @@ from small import ENV, learned, make, same, saved, steps, weights
 from torch import Tensor, nn
 
 from bricksrl.agents.actor_critic import ActorCriticLoss
-from bricksrl.agents.learner import Learner
-from bricksrl.agents.teachers import ALPHA, REACH, Base, PolicyAnchor, Scripted, add_base, imitate
+from bricksrl.agents.anchor import REACH, PolicyAnchor
+from bricksrl.agents.gradient_descent import GradientLearner
+from bricksrl.agents.teachers import ALPHA, Base, Scripted, add_base, imitate
 from bricksrl.errors import RunError
 from bricksrl.policies.policy import Policy
-from bricksrl.training.restore import restore
 
 TAUGHT = ("sac", "droq", "td3", "crossq", "cql")
 
 
-def of(learner: Learner) -> ActorCriticLoss:
+def of(learner: GradientLearner) -> ActorCriticLoss:
     assert isinstance(learner.loss, ActorCriticLoss)
     return learner.loss
 
@@ -29,12 +29,12 @@ def shown(count: int = 30) -> Tensor:
     return ((goal - angle) / 200.0).clamp(-1.0, 1.0)
 
 
-def acts(learner: Learner) -> Tensor:
+def acts(learner: GradientLearner) -> Tensor:
     found: Tensor = learner.exploit(steps(30))["action"]
     return found
 
 
-def of_base(agent: str = "sac", before: str = "td3") -> tuple[Learner, Learner]:
+def of_base(agent: str = "sac", before: str = "td3") -> tuple[GradientLearner, GradientLearner]:
     """A learner on the policy of another one, and that one."""
     one, other = learned(before), make(agent, seed=5)
     add_base(other, Base(one.policy))
@@ -86,7 +86,7 @@ def test_residual_policies_are_saved_whole() -> None:
     one.make_updates(3)
     other = make("sac", seed=8)
     add_base(other, Base(learned("td3", updates=7).policy))
-    restore(other, saved(one))
+    other.load_state_dict(saved(one))
     assert same(weights(one), weights(other))
     torch.testing.assert_close(acts(other), acts(one))
     assert of(other).anchor.get_extra_state() == {"made": 3}  # type: ignore[union-attr]

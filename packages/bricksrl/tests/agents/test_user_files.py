@@ -21,10 +21,11 @@ import torch
 from torchrl.objectives import DDPGLoss, SoftUpdate
 
 from bricksrl.agents.encoder import make_encoder
-from bricksrl.agents.learner import Learner
+from bricksrl.agents.gradient_descent import GradientDescent
 from bricksrl.agents.networks import action_size, action_spec, deterministic_policy, make_body
 from bricksrl.agents.operators import critic_operator
 from bricksrl.agents.replay.buffer import make_replay_buffer
+from bricksrl.agents.replay.learner import ReplayLearner
 from bricksrl.agents.settings import OffPolicySettings, Range
 
 
@@ -41,7 +42,8 @@ def build(env, settings: DDPGSettings, device="cpu"):
     loss.make_value_estimator(gamma=settings.gamma)
     optimizer = torch.optim.Adam(loss.parameters(), lr=settings.learning_rate)
     memory = make_replay_buffer(env, settings, device)
-    return Learner(policy, loss, optimizer, memory, SoftUpdate(loss, tau=settings.tau), updates_per_step=2.0)
+    descent = GradientDescent(loss, optimizer, SoftUpdate(loss, tau=settings.tau))
+    return ReplayLearner(policy, descent, memory, updates_per_step=2.0)
 
 
 other = build
@@ -112,6 +114,11 @@ START = "from dataclasses import dataclass\n\n@dataclass(frozen=True)\nclass S:\
             "def build(env, settings: 'Gone', device): pass\n",
             DescriptionError,
             "has no type for its settings",
+        ),
+        (
+            "from bricksrl.agents.settings import TargetSettings as T\ndef build(settings: T): 1",
+            DescriptionError,
+            r"are TargetSettings alone, which are a part; .*\(TargetSettings, OffPolicySettings\)",
         ),
         (
             START + "def build(env, settings: S, device): return 3\n",

@@ -108,6 +108,8 @@ def test_arguments_of_each_kind_are_those_of_make() -> None:
         ("RunAway-v0", {"arrays": True, "frame_skip": 2}, "has no robot that works with arrays"),
         ("RunAway-v0", {"arrays": True, "copies": 2}, "with arrays is one robot"),
         ("RunAway-v0", {"arrays": True, "device": "cuda"}, "with arrays is one robot"),
+        ("RunAway-v0", {"batch_size": 0}, "is one robot; omit batch_size"),
+        ("RunAway-v0", {"batch_size": []}, "is one robot; omit batch_size"),
     ],
 )
 def test_what_cannot_be_made_together_raises(env_id: str, named: Any, says: str) -> None:
@@ -217,5 +219,6 @@ def test_missing_and_unknown_options_are_named(tmp_path, monkeypatch) -> None:
     with pytest.raises(
         TypeError,
         match=r"no option hubb \(did you mean 'hub'\?\); its task has ends_at_wall, .*hub,",
-    ):
+    ) as unknown:
         bricksrl.make("RunAway-v0", hubb="ble")
+    assert "keyword argument" not in str(unknown.value)

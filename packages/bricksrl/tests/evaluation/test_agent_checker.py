@@ -20,6 +20,9 @@ class Settings(TD3Settings):
     hidden: tuple[int, ...] = (16,)
     {field}
 
+sgd = torch.optim.SGD
+
+
 class Far(torch.nn.Module):
     in_keys = ("observation",)
 
@@ -62,13 +65,17 @@ def test_user_agent_passes_check(tmp_path: Path) -> None:
     ("what", "name", "says"),
     [
         ({"field": "number: complex = 1j"}, "settings", "complex is not JSON"),
-        ({"change": "learner.optimizer = None"}, "build", "give the learner an optimizer"),
+        (
+            {"change": "learner.descent.optimizer = sgd([torch.nn.Parameter(torch.empty(0))])"},
+            "build",
+            "give the optimizer the loss's parameters",
+        ),
         ({"change": "return 3"}, "build", "builds a int"),
         ({"change": "learner.policy = lambda state: state"}, "acting", "in_keys"),
         ({"change": "learner.policy = Far()"}, "acting", "-1..1"),
         ({"change": "learner.updates_per_step = 1e-9"}, "learning", "updates_per_step"),
         (
-            {"change": "learner.optimizer = torch.optim.SGD(learner.parameters(), lr=0.0)"},
+            {"change": "learner.descent.optimizer = sgd(learner.loss.parameters(), lr=0.0)"},
             "learning",
             "changed nothing",
         ),

@@ -11,7 +11,7 @@ import torch
 
 from brickhub.files import only_writer
 from bricksrl.agents import preset
-from bricksrl.agents.learner import Learner
+from bricksrl.agents.replay.learner import ReplayLearner
 from bricksrl.errors import RunError, UnknownNameError
 from bricksrl.evaluation import tuning
 from bricksrl.evaluation.settings_text import read_settings
@@ -73,9 +73,9 @@ def test_a_trial_trains_and_evaluates(tmp_path: Path) -> None:
 def test_diverged_trial_does_not_end_the_study(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    make_updates, trials = Learner.make_updates, []
+    make_updates, trials = ReplayLearner.make_updates, []
 
-    def diverge(learner: Learner, count: int) -> dict[str, torch.Tensor]:
+    def diverge(learner: ReplayLearner, count: int) -> dict[str, torch.Tensor]:
         metrics = make_updates(learner, count)
         if not trials:
             torch.nn.utils.vector_to_parameters(
@@ -83,7 +83,7 @@ def test_diverged_trial_does_not_end_the_study(
             )
         return metrics
 
-    monkeypatch.setattr(Learner, "make_updates", diverge)
+    monkeypatch.setattr(ReplayLearner, "make_updates", diverge)
     small = {"hidden": ["8,8"], "batch_size": [8], "updates_per_step": [1.0]}
     for name, choices in small.items():
         monkeypatch.setitem(tuning._SPACE, name, choices)

@@ -15,11 +15,12 @@ from hub_programs import output
 from brickhub.entry import Entry
 from brickhub.hub.interface import Interface, MotorAngle, RunAngle, Wait
 from brickhub.robot import HubKind, Motor, Robot
+from brickhub.search.structure import source_by
 from brickhub.virtual.machine import Machine
 from brickhub.virtual.panel import parse_press
 from brickhub.virtual.run import Operation, run_file
 from bricksrl.agents.sac import SACSettings
-from bricksrl.agents.search.structures import oscillators
+from bricksrl.agents.search.structures import make_oscillators
 from bricksrl.cli import main
 from bricksrl.envs import Task, make, register
 from bricksrl.envs.host_sensors.host_sensor import HostSensor
@@ -46,10 +47,11 @@ def acted(source: str, observed: list[list[float]]) -> torch.Tensor:
 
 
 def test_a_gait_acts_on_the_hub_as_here() -> None:
-    structure = oscillators(make("WalkerSim-v0", seed=0))
+    structure = make_oscillators(make("WalkerSim-v0", seed=0))
     numbers = torch.tensor([-0.6, 140.0])
     here = structure(torch.tensor(OBSERVED), numbers.expand(2, 2)).clamp(-1.0, 1.0)
-    assert torch.allclose(acted(structure.hub_source(numbers), OBSERVED), here, atol=2e-4)
+    source = source_by(structure.single, numbers.tolist())
+    assert torch.allclose(acted(source, OBSERVED), here, atol=2e-4)
 
 
 def test_a_network_acts_on_the_hub_as_here() -> None:

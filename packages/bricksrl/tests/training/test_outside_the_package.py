@@ -106,10 +106,11 @@ import torch
 from torchrl.objectives import DDPGLoss, SoftUpdate
 
 from bricksrl.agents.encoder import make_encoder
-from bricksrl.agents.learner import Learner
+from bricksrl.agents.gradient_descent import GradientDescent
 from bricksrl.agents.networks import action_size, action_spec, deterministic_policy, make_body
 from bricksrl.agents.operators import critic_operator
 from bricksrl.agents.replay.buffer import make_replay_buffer
+from bricksrl.agents.replay.learner import ReplayLearner
 from bricksrl.agents.settings import OffPolicySettings
 
 
@@ -127,7 +128,8 @@ def build(env, settings: DDPGSettings, device="cpu"):
     loss = DDPGLoss(actor, critic, delay_actor=True, delay_value=True)
     optimizer = torch.optim.Adam(loss.parameters(), lr=settings.learning_rate)
     memory = make_replay_buffer(env, settings, device)
-    return Learner(policy, loss, optimizer, memory, SoftUpdate(loss, tau=0.01), prefill_episodes=settings.prefill_episodes)
+    descent = GradientDescent(loss, optimizer, SoftUpdate(loss, tau=0.01))
+    return ReplayLearner(policy, descent, memory, prefill_episodes=settings.prefill_episodes)
 """  # noqa: E501
 
 

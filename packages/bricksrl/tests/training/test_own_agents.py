@@ -33,7 +33,8 @@ from torchrl.data import LazyTensorStorage, TensorDictReplayBuffer
 from torchrl.modules import NormalParamExtractor, ProbabilisticActor, TanhNormal, ValueOperator
 from torchrl.objectives import REDQLoss, SoftUpdate
 
-from bricksrl.agents.learner import Learner
+from bricksrl.agents.gradient_descent import GradientDescent
+from bricksrl.agents.replay.learner import ReplayLearner
 
 
 @dataclass(frozen=True)
@@ -61,12 +62,11 @@ def make_redq(env, settings: Redq, device="cpu"):
     critic = Both(torch.nn.Linear(n + m, units), torch.nn.ReLU(), torch.nn.Linear(units, 1))
     loss = REDQLoss(actor, ValueOperator(critic, in_keys=["observation", "action"]), num_qvalue_nets=3, target_entropy=-float(m))
     loss.make_value_estimator(gamma=0.9)
-    return Learner(
-        policy=actor,
-        loss=loss,
-        optimizer=torch.optim.Adam(loss.parameters(), lr=settings.rate),
-        memory=TensorDictReplayBuffer(storage=LazyTensorStorage(40), batch_size=8),
-        target=SoftUpdate(loss, tau=0.01),
+    optimizer = torch.optim.Adam(loss.parameters(), lr=settings.rate)
+    return ReplayLearner(
+        actor,
+        GradientDescent(loss, optimizer, SoftUpdate(loss, tau=0.01)),
+        TensorDictReplayBuffer(storage=LazyTensorStorage(40), batch_size=8),
         prefill_episodes=1,
     )
 '''  # noqa: E501

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import pytest
 from browser import TIMEOUT_MS, chromium
 
+from bricktwin.robots import TWO_WHEELER
 from bricktwin.site.build import build_site
 from bricktwin.site.packages import SiteError
 
@@ -32,7 +33,7 @@ def address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     """Address of a site. Skips without what it is made of."""
     top = tmp_path_factory.mktemp("web")
     try:
-        build_site(top / SUB_PATH)
+        build_site(top / SUB_PATH, (TWO_WHEELER,), worlds=("wall",))
     except SiteError as error:
         pytest.skip(str(error))
     handler = functools.partial(_PlainFiles, directory=str(top))
@@ -63,7 +64,10 @@ def page(address: str, browser: Browser) -> Iterator[Page]:
     opened.on("pageerror", lambda error: errors.append(str(error)))
     context.on("request", lambda request: asked.add(request.url))
     opened.goto(address)
-    opened.wait_for_selector("#state.ready")
+    # Who comes for the first time sees the first example.
+    opened.wait_for_selector("#state.running")
+    opened.click("#stop")
+    opened.select_option("#robot", "bench")
     yield opened
     context.close()
     assert not errors

@@ -197,9 +197,9 @@ def _parse(
     prog = " ".join([line.prog, *words])
     config = (FlagCreatePairsOff,)
     if not words:
-        overview = _listing(line.commands)
+        overview = _listing(line, line.commands)
         for name, (text, commands) in line.groups.items():
-            overview.command(_listing(commands), name=name, help=text)
+            overview.command(_listing(line, commands), name=name, help=text)
         return overview.cli(
             prog=prog,
             description=line.description,
@@ -212,7 +212,7 @@ def _parse(
         text, commands = line.groups[words[0]]
         # A group alone lacks a command, so its help lists the commands.
         if len(words) == 1:
-            listing = _listing(commands)
+            listing = _listing(line, commands)
             return listing.cli(
                 prog=prog,
                 description=text,
@@ -230,14 +230,14 @@ def _parse(
     )
 
 
-def _listing(commands: Mapping[str, str]) -> SubcommandApp:
+def _listing(line: CommandLine, commands: Mapping[str, str]) -> SubcommandApp:
     """A parser of commands, with the first line of their help."""
     app = SubcommandApp()
     for name, place in commands.items():
         module, _, class_name = place.partition(":")
-        register = app.command(name=name, help=_summaries(module)[class_name])
-        # This function is never called, because whoever names a command gets the parser of that
-        # command.
+        summary = _spelled(line, _summaries(module)[class_name])
+        register = app.command(name=name, help=summary)
+        # This function is never called, because whoever names a command gets its own parser.
         register(lambda: None)
     return app
 
@@ -271,7 +271,11 @@ def _load(place: str) -> type:
 
 def _help(line: CommandLine, command: type) -> str:
     """Help of a command, whose examples name the program as it was called."""
-    text = cleandoc(command.__doc__ or "")
+    return _spelled(line, cleandoc(command.__doc__ or ""))
+
+
+def _spelled(line: CommandLine, text: str) -> str:
+    """A text whose examples name the program as it was called."""
     for begin, here in line.spelling.items():
         # The name is replaced only in examples, which are indented, and in backquotes, but not in
         # sentences.

@@ -97,7 +97,21 @@ def algorithm(agent: str) -> Algorithm:
         settings = getattr(module, settings, None)
     if not (isinstance(settings, type) and is_dataclass(settings)):
         raise DescriptionError(f"{agent} has no type for its settings; {remedy}")
+    _check_whole(agent, settings)
     return Algorithm(agent, settings, build, presets)
+
+
+def _check_whole(agent: str, settings: type[Any]) -> None:
+    """Raise DescriptionError if settings are only a part of those of an algorithm: networks and
+    replay buffer would ask them for what they do not have."""
+    from bricksrl.agents.settings import PARTS, OffPolicySettings
+
+    if issubclass(settings, PARTS) and not issubclass(settings, OffPolicySettings):
+        part = next(part.__name__ for part in PARTS if issubclass(settings, part))
+        raise DescriptionError(
+            f"the settings of {agent} are {part} alone, which are a part; write class "
+            f"Settings({part}, OffPolicySettings)"
+        )
 
 
 def preset(
@@ -143,6 +157,7 @@ def make_learner(
     user's code raised."""
     from bricksrl.agents.learner import Learner
     from bricksrl.agents.replay.augmentation import augmentations
+    from bricksrl.agents.replay.learner import ReplayLearner
     from bricksrl.agents.settings import OffPolicySettings
     from bricksrl.envs.transforms import layout_of, prepare, with_unit_actions
 
@@ -173,7 +188,7 @@ def make_learner(
             f"{agent} builds a {type(learner).__name__}; let it return a "
             "bricksrl.agents.learner.Learner"
         )
-    if isinstance(settings, OffPolicySettings) and learner.memory is not None:
+    if isinstance(settings, OffPolicySettings) and isinstance(learner, ReplayLearner):
         for transform in augmentations(env, settings):
             learner.memory.append_transform(transform)
     return learner

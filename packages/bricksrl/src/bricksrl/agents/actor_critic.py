@@ -3,6 +3,7 @@ encoder, and the update of target networks."""
 
 from abc import abstractmethod
 from dataclasses import dataclass, replace
+from typing import Any, ClassVar
 
 import torch
 from tensordict import TensorDict, TensorDictBase
@@ -12,8 +13,10 @@ from torch.optim.swa_utils import get_ema_multi_avg_fn
 from torchrl.objectives.common import LossModule
 from torchrl.objectives.utils import hold_out_net
 
+from bricksrl.agents.anchor import REACH, REACH_ON_BASE, STEPS, PolicyAnchor, layers_of
 from bricksrl.agents.encoder import encode, encoder_keys
 from bricksrl.agents.settings import CriticSettings, OffPolicySettings
+from bricksrl.errors import RunError
 
 
 class Critics(nn.ModuleList):
@@ -55,6 +58,9 @@ class ActorCriticLoss(LossModule):  # type: ignore[misc]
     trains the encoder.
     """
 
+    outputs_per_number: ClassVar[int] = 1
+    """Outputs of the actor for each number of an action, the mean before the tanh first."""
+
     def __init__(
         self,
         encoder: nn.Module,
@@ -67,7 +73,11 @@ class ActorCriticLoss(LossModule):  # type: ignore[misc]
         self.actor = actor
         self.critics = critics
         self.gamma = settings.gamma
-        self.anchor: nn.Module | None = None  # of a policy that was taught
+        # of a policy that was taught; it counts the updates that include the actor
+        self.anchor: nn.Module | None = None
+        actor_updates = STEPS * settings.updates_per_step / settings.actor_delay
+        self.anchored_updates = max(1, round(actor_updates))
+        self.is_compiled = False
         self.base: nn.Module | None = None
         # CrossQ's settings have no choice of the critics' loss
         is_smooth = isinstance(settings, CriticSettings) and settings.critic_loss == "smooth-l1"
@@ -127,6 +137,33 @@ class ActorCriticLoss(LossModule):  # type: ignore[misc]
         """The losses of an update without the actor."""
         batch = self.encode(tensordict)
         return TensorDict(self.qvalue_loss(batch))
+
+    def anchor_actor(self) -> None:
+        """Hold the actor near its current policy for the updates of `STEPS` robot steps. Raises
+        RunError if updates are compiled."""
+        # an anchor counts updates in Python, where a graph would keep the first count
+        if self.is_compiled:
+            raise RunError("a policy that is taught cannot be compiled; omit --compile")
+        last_bias = layers_of(self.actor)[-1]
+        self.anchor = PolicyAnchor(
+            self.actor,
+            len(last_bias) // self.outputs_per_number,
+            self.anchored_updates,
+            REACH if self.base is None else REACH_ON_BASE,
+        )
+
+    def load_state_dict(
+        self,
+        state_dict: Any,
+        *args: Any,
+        **options: Any,
+    ) -> Any:
+        """Restore ``state_dict``, also of a policy that was taught. Raises RuntimeError if it is of
+        another loss, RunError as `anchor_actor` does."""
+        # only a taught policy has an anchor, and a state does not load into what is not there yet
+        if any(str(name).startswith("anchor.") for name in state_dict):
+            self.anchor_actor()
+        return super().load_state_dict(state_dict, *args, **options)
 
     def actor_outputs(self, features: Tensor) -> Tensor:
         """The actor's outputs on detached features, with the pull of the policy anchor, if any."""

@@ -16,6 +16,7 @@ from torch.func import functional_call, grad
 
 from bricksrl.agents.actor_critic import ActorCriticLoss, Batch
 from bricksrl.agents.crossq import CrossQLoss
+from bricksrl.agents.gradient_descent import GradientLearner
 from bricksrl.agents.learner import Learner
 from bricksrl.agents.offline.cql import CQLLoss
 from bricksrl.errors import RunError
@@ -41,7 +42,7 @@ class _Parts(nn.Module):
 
 
 class CompiledGradients:
-    """Losses and gradients of a batch from a compiled graph; see `Learner.gradients`. ``backend``:
+    """Losses and gradients of a batch from a compiled graph; see `GradientDescent`. ``backend``:
     of ``torch.compile``."""
 
     def __init__(
@@ -139,9 +140,12 @@ class CompiledGradients:
 
 def compile_updates(learner: Learner) -> None:
     """Compile a learner's updates. Raises RunError if its algorithm cannot be compiled."""
+    not_ours = RunError("only SAC, DroQ, REDQ and TD3 can be compiled; omit --compile")
+    if not isinstance(learner, GradientLearner):
+        raise not_ours
     loss = learner.loss
     if not isinstance(loss, ActorCriticLoss) or isinstance(loss, CrossQLoss | CQLLoss):
-        raise RunError("only SAC, DroQ, REDQ and TD3 can be compiled; omit --compile")
+        raise not_ours
     # a graph of gradients changes no running statistics
     if any(isinstance(module, nn.BatchNorm1d) for module in loss.modules()):
         raise RunError(
@@ -150,4 +154,5 @@ def compile_updates(learner: Learner) -> None:
     # an anchor counts updates in Python, where a graph would keep the first count
     if loss.anchor is not None:
         raise RunError("an anchored policy cannot be compiled; omit --compile")
-    learner.gradients = CompiledGradients(loss, learner.device)
+    loss.is_compiled = True
+    learner.descent.gradients = CompiledGradients(loss, learner.device)

@@ -9,8 +9,8 @@ from torchrl.envs import EnvBase
 
 from bricksrl.agents.actor_critic import Batch, Critics
 from bricksrl.agents.encoder import make_encoder
-from bricksrl.agents.learner import Learner, off_policy_learner
 from bricksrl.agents.networks import BatchNorm, action_size, action_spec, gaussian_policy, make_body
+from bricksrl.agents.replay.learner import ReplayLearner, off_policy_learner
 from bricksrl.agents.sac import SACLoss
 from bricksrl.agents.settings import (
     IMAGES_OFF_POLICY,
@@ -117,7 +117,7 @@ def build(
     env: EnvBase,
     settings: CrossQSettings,
     device: torch.device | str = "cpu",
-) -> Learner:
+) -> ReplayLearner:
     """CrossQ for an environment. Initialized from torch's global generator."""
     m = action_size(env)
     encoder = make_encoder(env, settings)

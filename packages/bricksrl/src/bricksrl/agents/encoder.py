@@ -26,6 +26,8 @@ class Encoder(nn.Module):
     ) -> None:
         super().__init__()
         self.in_keys = layout.keys
+        # of a policy that others are added to: what it was learned with stays
+        self.is_frozen = False
         self.images = layout.images
         self._dims = [len(shape) for _, shape in layout.vectors]
         self.numbers = ObservationEncoder(
@@ -74,8 +76,8 @@ class Encoder(nn.Module):
         return parts[0] if len(parts) == 1 else torch.cat(parts, -1)
 
     def see(self, tensordict: Any) -> None:
-        """Note the range of observations that are learned on."""
-        if self._dims:
+        """Note the range of observations that are learned on, unless the encoder is frozen."""
+        if self._dims and not self.is_frozen:
             # vectors come first among the keys, so that what follows them is not read
             inputs = [tensordict[key] for key in self.in_keys]
             numbers = self.numbers.in_units(self._joined(inputs))

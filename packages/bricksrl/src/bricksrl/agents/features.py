@@ -4,15 +4,21 @@ them, ours or others.
 An agent that acts holds what it observes within the range that it has learned on, so that an input
 that never varied where it learned decides nothing where it acts."""
 
+import itertools
 import logging
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import torch
 from torch import Tensor, nn
 from torchrl.envs.utils import ExplorationType, exploration_type
 
+from bricksrl.agents.feature_formula import (
+    FULL_TURN_DEG,
+    scaled_entries,
+    with_circles_and_goals,
+)
 from bricksrl.envs.specs import ObservationLayout
 
 _log = logging.getLogger(__name__)
@@ -147,6 +153,33 @@ class SeenInputs(nn.Module):
         return normalised.to(inputs.dtype)
 
 
+class TensorOperations:
+    """`Operations` of torch."""
+
+    sin = staticmethod(torch.sin)
+    cos = staticmethod(torch.cos)
+
+    @staticmethod
+    def take(values: Tensor, indices: Tensor) -> Tensor:
+        """The values at indices."""
+        return values.index_select(-1, indices)
+
+    @staticmethod
+    def scaled(
+        values: Tensor,
+        scale: Tensor,
+        offset: Tensor,
+    ) -> Tensor:
+        """Values times a factor, plus an offset."""
+        # one pass over them in place of two
+        return torch.addcmul(offset, values, scale)
+
+    @staticmethod
+    def joined(parts: Sequence[Tensor]) -> Tensor:
+        """One part after the other."""
+        return torch.cat(tuple(parts), -1)
+
+
 class ObservationEncoder(nn.Module):
     """Observations ``[*batch, n]`` in physical units to features ``[*batch, size]`` of order one.
 
@@ -175,6 +208,8 @@ class ObservationEncoder(nn.Module):
         # a goal may be anywhere in its range, whatever goals were learned on
         goal_index = [goal for goal, _ in layout.goals]
         self.seen = SeenInputs(layout.names, layout.wraps, goal_index)
+
+        # each entry is either an angle, with sine and cosine, or scaled
         angle_index: list[int] = []
         linear_index: list[int] = []
         for index, wraps in enumerate(layout.wraps):
@@ -182,46 +217,51 @@ class ObservationEncoder(nn.Module):
                 angle_index.append(index)
             else:
                 linear_index.append(index)
-        scale, offset = _unit_scaling(layout)
-        past = layout.past
+
         # Differences to goals and between angles are of the newest frame alone.
-        pairs: list[tuple[int, int]] = []
+        past = layout.past
+        goal_pairs: list[tuple[int, int]] = []
         if goals == "difference":
-            pairs = [pair for pair in layout.goals if pair[0] not in past]
-        phases: list[int] = []
+            goal_pairs = [pair for pair in layout.goals if pair[0] not in past]
+        phase_index: list[int] = []
         if angles == "phases":
-            phases = [i for i in angle_index if i not in goal_index and i not in past]
-        phase_index = torch.tensor(phases, dtype=torch.int64)
-        first, second = torch.combinations(phase_index).T
-        # Row i is what entry i is made of: itself, and in an older frame less the newest one.
-        less_newest = torch.eye(len(layout.wraps))
-        less_newest[list(past), list(past.values())] = -1.0
-        one_rad = less_newest * (math.pi / 180.0)
-        # one column per angle: one product gives all angles and their differences in radians
-        differences = one_rad[first] - one_rad[second]
-        angle_matrix = torch.cat((one_rad[angle_index], differences)).T.contiguous()
-        self.angle_matrix = _constant(angle_matrix)
+            phase_index = [i for i in angle_index if i not in goal_index and i not in past]
+        angle_pairs = list(itertools.combinations(phase_index, 2))
+
+        less_newest = _less_newest(len(layout.wraps), past)
+        scale, offset = _unit_scaling(layout)
         self.linear = _constant(linear_index, torch.int64)
         self.scale = _constant(scale[self.linear])
         self.offset = _constant(offset[self.linear])
+        self.angle_matrix = _constant(_angle_matrix(less_newest, angle_index, angle_pairs))
+        self._plan_goals(layout, goal_pairs, scale)
         self.has_past = bool(past)
         linear_less_newest = less_newest[linear_index][:, linear_index]
         self.past_matrix = _constant(linear_less_newest.T.contiguous())
-        # Which features are of older frames, in the order of `forward`.
+
+        # Which features are of older frames, in the order of `forward`: a sine and a cosine of each
+        # angle and of each difference between angles.
+        circles_are_old = [i in past for i in angle_index] + [False] * len(angle_pairs)
         linear_is_old = [i in past for i in linear_index]
-        angle_is_old = [i in past for i in angle_index]
-        phase_is_old = [False] * len(first)
-        goal_is_old = [False] * len(pairs)
-        of_sines = angle_is_old + phase_is_old
-        of_cosines = of_sines
-        is_old = linear_is_old + of_sines + of_cosines + goal_is_old
+        goals_are_old = [False] * len(goal_pairs)
+        is_old = [*linear_is_old, *circles_are_old, *circles_are_old, *goals_are_old]
         old = torch.tensor(is_old, dtype=torch.bool)
         self.share = _constant(torch.where(old, PAST_SHARE, 1.0))
+        self.size = len(is_old)
+
+    def _plan_goals(
+        self,
+        layout: ObservationLayout,
+        pairs: Sequence[tuple[int, int]],
+        scale: Tensor,
+    ) -> None:
+        """Constants of the differences to goals, from the indices of each goal and of what is to
+        reach it, and the factor ``[n]`` of each entry."""
         periods_deg: list[float] = []
         goal_scale: list[float] = []
         for goal, _ in pairs:
             if layout.wraps[goal]:
-                periods_deg.append(360.0)
+                periods_deg.append(FULL_TURN_DEG)
                 # half a turn is the largest difference
                 goal_scale.append(1 / 180.0)
             else:
@@ -232,9 +272,6 @@ class ObservationEncoder(nn.Module):
         self.reached = _constant([reached for _, reached in pairs], torch.int64)
         self.period = _constant(periods_deg)
         self.goal_scale = _constant(goal_scale)
-        # sine and cosine of each angle and of each difference between angles
-        circle_size = 2 * angle_matrix.shape[1]
-        self.size = len(linear_index) + circle_size + len(pairs)
 
     def forward(self, observation: Tensor) -> Tensor:
         """Features: scaled entries, then all sines, all cosines, all goal differences."""
@@ -242,24 +279,11 @@ class ObservationEncoder(nn.Module):
         if self.normalize:
             linear = self.seen.normalised(observation).index_select(-1, self.linear)
         else:
-            selected = observation.index_select(-1, self.linear)
-            linear = torch.addcmul(self.offset, selected, self.scale)
+            linear = scaled_entries(observation, self, TensorOperations)
         # after the scaling, which is the same in each frame: a difference needs no offset
         if self.has_past:
             linear = linear @ self.past_matrix
-        parts = [linear]
-        if self.angle_matrix.shape[1]:
-            angle_rad = observation @ self.angle_matrix
-            parts += [angle_rad.sin(), angle_rad.cos()]
-        if len(self.goal):
-            goal = observation.index_select(-1, self.goal)
-            reached = observation.index_select(-1, self.reached)
-            difference = goal - reached
-            # the shorter way round
-            whole_turns = (difference / self.period).round()
-            shorter = difference - whole_turns * 360.0
-            parts.append(shorter * self.goal_scale)
-        features = torch.cat(parts, -1)
+        features: Tensor = with_circles_and_goals(linear, observation, self, TensorOperations)
         if self.has_past:
             features = features * self.share
         return features
@@ -269,6 +293,29 @@ class ObservationEncoder(nn.Module):
         if not self.is_scaled:
             return observation
         return (observation - self.unit_offset) / self.unit_scale
+
+
+def _less_newest(count: int, past: Mapping[int, int]) -> Tensor:
+    """A row for each of ``count`` entries, of what it is made: itself, and in an older frame less
+    the same entry of the newest one (``past``)."""
+    rows = torch.eye(count)
+    rows[list(past), list(past.values())] = -1.0
+    return rows
+
+
+def _angle_matrix(
+    less_newest: Tensor,
+    angle_index: Sequence[int],
+    pairs: Sequence[tuple[int, int]],
+) -> Tensor:
+    """A column for each angle, and for each difference of a pair of angles: one product
+    ``observation @ matrix`` gives all of them in radians."""
+    one_rad = less_newest * (math.pi / 180.0)
+    first = [i for i, _ in pairs]
+    second = [i for _, i in pairs]
+    differences = one_rad[first] - one_rad[second]
+    rows = torch.cat((one_rad[list(angle_index)], differences))
+    return rows.T.contiguous()
 
 
 def _unit_scaling(layout: ObservationLayout) -> tuple[Tensor, Tensor]:

@@ -12,8 +12,9 @@ from torchrl.objectives import ClipPPOLoss
 from torchrl.objectives.value import GAE
 
 from bricksrl.agents.encoder import make_encoder
-from bricksrl.agents.learner import Learner, adam
+from bricksrl.agents.gradient_descent import GradientDescent, adam
 from bricksrl.agents.networks import action_size, action_spec, gaussian_policy, make_body
+from bricksrl.agents.on_policy import OnPolicyLearner
 from bricksrl.agents.operators import value_operator
 from bricksrl.agents.settings import (
     IMAGES,
@@ -72,7 +73,7 @@ def build(
     env: EnvBase,
     settings: PPOSettings,
     device: torch.device | str = "cpu",
-) -> Learner:
+) -> OnPolicyLearner:
     """PPO for an environment. Initialized from torch's global generator."""
     m = action_size(env)
     copies = max(1, env.batch_size.numel())
@@ -127,14 +128,16 @@ def build(
         # few copies collect less than a batch
         batch_size=min(settings.batch_size, frames),
     )
-    return Learner(
-        policy=policy,
-        loss=loss,
-        optimizer=adam(loss.parameters(), settings),
-        memory=memory,
-        prepare=estimate,
-        on_policy=True,
-        updates_per_step=settings.passes,
-        frames_per_batch=settings.steps,
+    descent = GradientDescent(
+        loss,
+        adam(loss.parameters(), settings),
         clip_norm=settings.max_grad_norm,
+    )
+    return OnPolicyLearner(
+        policy,
+        descent,
+        memory,
+        prepare=estimate,
+        passes=settings.passes,
+        frames_per_batch=settings.steps,
     )

@@ -51,4 +51,4 @@ def build(
         dims = len(shape)
     act = functools.partial(uniform_actions, size=action_size(env), dims=dims)
     policy = TensorDictModule(act, in_keys=layout.keys[:1], out_keys=["action"])
-    return Learner(policy=policy, updates_per_step=0.0)
+    return Learner(policy)

@@ -16,8 +16,8 @@ from torchrl.envs import EnvBase
 
 from bricksrl.agents.actor_critic import ActorCriticLoss, Batch, Critics, PolyakUpdate, on_base
 from bricksrl.agents.encoder import make_encoder
-from bricksrl.agents.learner import Learner, off_policy_learner
 from bricksrl.agents.networks import action_size, action_spec, gaussian_policy, make_body
+from bricksrl.agents.replay.learner import ReplayLearner, off_policy_learner
 from bricksrl.agents.settings import (
     IMAGES_TARGETS,
     PAPER_TARGETS,
@@ -121,6 +121,7 @@ PRESETS = {
 class SACLoss(ActorCriticLoss):
     """Loss of soft actor-critic. Tests compare it with TorchRL's ``SACLoss``."""
 
+    outputs_per_number = 2
     # as in TorchRL
     out_keys = ["loss_qvalue", "loss_actor", "loss_alpha", "alpha", "entropy"]  # noqa: RUF012
 
@@ -236,7 +237,7 @@ def build(
     settings: SACSettings,
     device: torch.device | str = "cpu",
     make_loss: type[SACLoss] = SACLoss,
-) -> Learner:
+) -> ReplayLearner:
     """SAC, or an algorithm with another loss, for an environment. Initialized from torch's global
     generator."""
     m = action_size(env)

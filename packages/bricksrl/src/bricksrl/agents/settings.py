@@ -144,6 +144,10 @@ class EntropySettings:
     """Lower limit of the standard deviation of an action before the tanh."""
 
 
+PARTS = (TargetSettings, CriticSettings, EntropySettings)
+"""Settings that are none alone: an algorithm inherits them beside `OffPolicySettings`."""
+
+
 @dataclass(frozen=True)
 class Presets:
     """Settings of an algorithm by the name of a preset."""

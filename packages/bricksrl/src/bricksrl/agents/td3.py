@@ -11,8 +11,8 @@ from torchrl.envs import EnvBase
 
 from bricksrl.agents.actor_critic import ActorCriticLoss, Batch, Critics, PolyakUpdate, on_base
 from bricksrl.agents.encoder import make_encoder
-from bricksrl.agents.learner import Learner, off_policy_learner
 from bricksrl.agents.networks import action_size, action_spec, deterministic_policy, make_body
+from bricksrl.agents.replay.learner import ReplayLearner, off_policy_learner
 from bricksrl.agents.settings import (
     IMAGES_TARGETS,
     PAPER_TARGETS,
@@ -162,7 +162,7 @@ def build(
     env: EnvBase,
     settings: TD3Settings,
     device: torch.device | str = "cpu",
-) -> Learner:
+) -> ReplayLearner:
     """TD3 for an environment. Initialized from torch's global generator."""
     m = action_size(env)
     encoder = make_encoder(env, settings)

@@ -1,14 +1,6 @@
-"""Teachers: a frozen base that a policy adds to, or demonstrations that it imitates first; and the
-anchor that holds it there.
+"""Teachers: a frozen base that a policy adds to, or demonstrations that it imitates first; then an
+anchor (`bricksrl.agents.anchor`) holds it there."""
 
-New critics mislead the actor, and Adam's first steps are large: without a constraint what was
-taught is lost within an episode. An anchor therefore pulls the actor back to the policy that it
-began with, less over time: the constraint of offline agents (Fujimoto and Gu, 2021), relaxed on the
-robot (Beeson and Montana, 2022). Scaling by the value's gradient makes it independent of the reward
-scale.
-"""
-
-import copy
 import math
 from collections.abc import Sequence
 
@@ -20,18 +12,14 @@ from torch import Tensor, nn
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 
 from bricksrl.agents.actor_critic import ActorCriticLoss, on_base
-from bricksrl.agents.encoder import encode
+from bricksrl.agents.anchor import layers_of
+from bricksrl.agents.encoder import Encoder, encode
+from bricksrl.agents.gradient_descent import GradientLearner
 from bricksrl.agents.learner import Learner
 from bricksrl.agents.sac import LEAST_SCALE, SCALE_SHIFT, SACLoss
 from bricksrl.envs.tasks.scripted import ArrayPolicy
 from bricksrl.errors import RunError
 
-STEPS = 2000
-"""Robot steps until the actor is free."""
-REACH = 2.0
-"""Distance from the first policy at that time, before the tanh."""
-REACH_ON_BASE = 0.4
-"""The same of what is added to a base, which is all that acts at first."""
 MARGIN = 1.2
 """First standard deviation, relative to the minimum, at which it has no gradient."""
 ALPHA = 0.01
@@ -48,6 +36,10 @@ class Base(nn.Module):
     def __init__(self, policy: TensorDictModuleBase) -> None:
         super().__init__()
         self.policy = policy.eval().requires_grad_(False)
+        # nor do its encoders see what is learned on top of it
+        for module in policy.modules():
+            if isinstance(module, Encoder):
+                module.is_frozen = True
         self.in_keys = list(policy.in_keys)
 
     def forward(self, observed: TensorDictBase) -> Tensor:
@@ -110,11 +102,11 @@ def add_base(learner: Learner, base: Base) -> None:
     """Let a new learner's actions be added to those of a base: nothing at first. Raises RunError as
     `hold` does."""
     loss = _teachable(learner)
-    loss.base = learner.base = base.to(learner.device)
+    loss.base = base.to(learner.device)
     learner.policy = Residual(base, learner.policy)
     # weights and biases of the last layer: with them at 0 the base acts alone
     with torch.no_grad():
-        for part in _layers(loss.actor)[-2:]:
+        for part in layers_of(loss.actor)[-2:]:
             part.zero_()
     hold(learner)
 
@@ -158,7 +150,7 @@ def hold(learner: Learner) -> None:
     no such policy."""
     loss = _teachable(learner)
     if isinstance(loss, SACLoss):
-        *_, weight, bias = _layers(loss.actor)
+        *_, weight, bias = layers_of(loss.actor)
         # the second half of the outputs are scales, before the softplus of `location_and_scale`,
         # which is inverted here
         size = len(bias) // 2
@@ -169,101 +161,13 @@ def hold(learner: Learner) -> None:
     # TD3's target would else go on from the actor as it was before it was taught
     if hasattr(loss, "target_actor"):
         loss.target_actor.load_state_dict(loss.actor.state_dict())
-    anchor(learner)
-
-
-def anchor(learner: Learner) -> None:
-    """Hold the actor near its current policy for the updates of `STEPS` robot steps. Raises
-    RunError if updates are compiled."""
-    loss = _teachable(learner)
-    if learner.gradients is not None:
-        raise RunError("a policy that is taught cannot be compiled; omit --compile")
-    # the last bias has an entry for each output, of which half are scales with a Gaussian actor
-    size = len(_layers(loss.actor)[-1])
-    if isinstance(loss, SACLoss):
-        size //= 2
-    # those that include the actor, in which the anchor counts
-
-    updates = max(1, round(STEPS * learner.updates_per_step / learner.actor_delay))
-    reach = REACH if loss.base is None else REACH_ON_BASE
-    loss.anchor = PolicyAnchor(
-        loss.actor,
-        size,
-        updates,
-        reach,
-    )
-
-
-class CountedUpdates:
-    """Module with the number of the actor's updates in its state."""
-
-    updates_made = 0
-
-    def get_extra_state(self) -> dict[str, int]:
-        """The number."""
-        return {"made": self.updates_made}
-
-    def set_extra_state(self, state: dict[str, int]) -> None:
-        """Inverse of `get_extra_state`."""
-        self.updates_made = int(state["made"])
-
-
-class PolicyAnchor(CountedUpdates, nn.Module):
-    """A decreasing pull of an actor's mean towards the current policy of ``actor``, until it is
-    free after ``updates`` updates, ``reach`` away. ``actor``: features to outputs; the first
-    ``action_size`` are the mean before the tanh."""
-
-    def __init__(
-        self,
-        actor: nn.Module,
-        action_size: int,
-        updates: int,
-        reach: float = REACH,
-    ) -> None:
-        super().__init__()
-        self.policy = copy.deepcopy(actor).requires_grad_(False)
-        self._size = action_size
-        self._updates = updates
-        self._reach = reach
-
-    def forward(
-        self,
-        features: Tensor,
-        out: Tensor,
-    ) -> Tensor:
-        """The actor's outputs, whose gradient gets the pull. In equilibrium the distance is the one
-        allowed by now."""
-        # nothing is learned from what has no gradient, and nothing is counted
-        if not out.requires_grad or self.updates_made >= self._updates:
-            return out
-        self.updates_made += 1
-        reach = self._reach * self.updates_made / self._updates
-        moved = out.detach() - self.policy(features)
-        offset = moved[..., : self._size]
-
-        def add_pull(gradient: Tensor) -> Tensor:
-            # of the mean; that of the scales, after it, stays as it is
-            slope = gradient[..., : self._size]
-            # as strong as the slope where the offset is the reach, whatever the unit of rewards
-            strength = slope.square().mean().sqrt() / reach
-            pulled = slope + offset * strength
-            return torch.cat((pulled, gradient[..., self._size :]), -1)
-
-        out.register_hook(add_pull)
-        return out
+    loss.anchor_actor()
 
 
 def _teachable(learner: Learner) -> ActorCriticLoss:
-    if not isinstance(learner.loss, ActorCriticLoss):
+    loss = learner.loss if isinstance(learner, GradientLearner) else None
+    if not isinstance(loss, ActorCriticLoss):
         raise RunError(
             "only sac, droq, redq, td3, crossq and cql can be taught; choose one of them"
         )
-    return learner.loss
-
-
-def _layers(network: nn.Module) -> list[Tensor]:
-    """Parameters of the layers in order, weights before biases, outputs first."""
-    layers: list[Tensor] = []
-    for module in network.modules():
-        layers += module.parameters(recurse=False)
-    return layers
+    return loss

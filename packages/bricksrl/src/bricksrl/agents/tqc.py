@@ -8,9 +8,9 @@ from torchrl.envs import EnvBase
 from torchrl.objectives import SoftUpdate, TQCLoss
 
 from bricksrl.agents.encoder import make_encoder
-from bricksrl.agents.learner import Learner, off_policy_learner
 from bricksrl.agents.networks import action_size, action_spec, gaussian_policy, make_body
 from bricksrl.agents.operators import critic_operator
+from bricksrl.agents.replay.learner import ReplayLearner, off_policy_learner
 from bricksrl.agents.settings import (
     IMAGES_TARGETS,
     PAPER_TARGETS,
@@ -56,7 +56,7 @@ def build(
     env: EnvBase,
     settings: TQCSettings,
     device: torch.device | str = "cpu",
-) -> Learner:
+) -> ReplayLearner:
     """TQC for an environment. Initialized from torch's global generator."""
     m = action_size(env)
     encoder = make_encoder(env, settings)

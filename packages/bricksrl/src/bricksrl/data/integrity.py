@@ -2,7 +2,7 @@
 killed."""
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -29,21 +29,27 @@ def check(root: Path, task: str | None = None) -> list[Finding]:
     """Faults of a dataset; empty if it is intact. Nothing is changed, and no foreign file is
     opened. Of one that LeRobot recorded the first fault is told. Raises DataError if there is no
     dataset."""
-    if is_lerobot(root := dataset_folder(root)):
+    root = dataset_folder(root)
+    if is_lerobot(root):
         try:
             read_lerobot(root, task)
         except DataError as error:
             return [Finding("steps", Outcome.ERROR, str(error))]
         return []
     dataset = read_dataset(root)
-    faults = {"steps": _steps(dataset), "files": _files(dataset), "index": _joint(dataset)}
+    faults = {
+        "steps": _faults_of_steps(dataset),
+        "files": _faults_of_files(dataset),
+        "index": _faults_of_index(dataset),
+    }
     findings = []
     for name, texts in faults.items():
         findings += [Finding(name, Outcome.ERROR, text) for text in texts]
     return findings
 
 
-def _steps(dataset: Dataset) -> Iterator[str]:
+def _faults_of_steps(dataset: Dataset) -> Iterator[str]:
+    """Faults of the steps of each episode."""
     reader = EpisodeReader(dataset)
     for row in dataset.rows:
         try:
@@ -51,32 +57,37 @@ def _steps(dataset: Dataset) -> Iterator[str]:
         except DataError as error:
             yield f"episode {row.episode}: {error}"
             continue
-        # Each observation stands twice, after a step and before the next one, so that a row can be
-        # learned from alone; a shifted column would spoil what is learned and look right.
-        if not np.array_equal(columns[OBSERVATION][1:], columns[NEXT][:-1], equal_nan=True):
-            yield f"episode {row.episode}: an observation is not what followed the step before"
-        done = columns["next.terminated"] | columns["next.truncated"]
-        ends_once = done[-1] and not done[:-1].any()
-        if not ends_once or not np.array_equal(done, columns["next.done"]):
-            yield f"episode {row.episode}: its end is marked elsewhere than at its last step"
-        # Rewards are float32, and a sum depends on its order: the last digits may differ.
-        total = columns["next.reward"].sum(dtype=np.float64)
-        if not np.isclose(
-            total,
-            row.return_,
-            rtol=1e-5,
-            atol=1e-5,
-        ):
-            yield f"episode {row.episode}: its return is not the sum of its rewards"
-        learned = (OBSERVATION, NEXT, "action", "next.reward")
-        if not all(np.isfinite(columns[name]).all() for name in learned):
-            yield f"episode {row.episode}: a number is none"
+        for fault in _faults_of_columns(columns, row.return_):
+            yield f"episode {row.episode}: {fault}"
 
 
-def _joint(dataset: Dataset) -> Iterator[str]:
+def _faults_of_columns(columns: Mapping[str, Any], return_: float) -> Iterator[str]:
+    """Faults of the columns ``[steps, ...]`` of an episode with a return."""
+    # Each observation stands twice, after a step and before the next one, so that a row can be
+    # learned from alone; a shifted column would spoil what is learned and look right.
+    before = columns[OBSERVATION][1:]
+    after_previous = columns[NEXT][:-1]
+    if not np.array_equal(before, after_previous, equal_nan=True):
+        yield "an observation is not what followed the step before"
+    done = columns["next.terminated"] | columns["next.truncated"]
+    ends_once = done[-1] and not done[:-1].any()
+    if not ends_once or not np.array_equal(done, columns["next.done"]):
+        yield "its end is marked elsewhere than at its last step"
+    # Rewards are float32, and a sum depends on its order: the last digits may differ.
+    total = columns["next.reward"].sum(dtype=np.float64)
+    if not np.isclose(total, return_, rtol=1e-5, atol=1e-5):
+        yield "its return is not the sum of its rewards"
+    learned = (OBSERVATION, NEXT, "action", "next.reward")
+    if not all(np.isfinite(columns[name]).all() for name in learned):
+        yield "a number is none"
+
+
+def _faults_of_index(dataset: Dataset) -> Iterator[str]:
     """Faults of the files on all episodes (info, statistics, tasks), compared with the rows of the
     episodes."""
-    info, stats, tasks = (dataset.path(kind) for kind in ("info", "stats", "tasks"))
+    info = dataset.path("info")
+    stats = dataset.path("stats")
+    tasks = dataset.path("tasks")
     remedy = f"run `bricksrl data repair {quoted(dataset.root)}`"
     expected = dataset.description.info(len(dataset.rows), dataset.steps)
     # It is JSON, as `read_dataset` has parsed it.
@@ -92,7 +103,8 @@ def _joint(dataset: Dataset) -> Iterator[str]:
             statistics = json.loads(stats.read_bytes())
         except (ValueError, RecursionError, OSError):
             statistics = None
-        if not _same(statistics, join_statistics([row.statistics for row in dataset.rows])):
+        expected_statistics = join_statistics([row.statistics for row in dataset.rows])
+        if not _same(statistics, expected_statistics):
             yield f"{stats} does not hold the statistics of the episodes; {remedy}"
     if tasks.exists() and not dataset.has_task():
         yield f"{tasks} does not hold the task of the episodes; {remedy}"
@@ -112,30 +124,28 @@ def _same(value: Any, expected: Any) -> bool:
         if not isinstance(value, float | int):
             return False
         # A sum over all episodes depends on the processor's order of additions.
-        return bool(
-            np.isclose(
-                value,
-                expected,
-                rtol=1e-6,
-                atol=1e-9,
-                equal_nan=True,
-            )
-        )
+        return bool(np.isclose(value, expected, rtol=1e-6, atol=1e-9, equal_nan=True))
     return bool(value == expected)
 
 
-def _files(dataset: Dataset) -> Iterator[str]:
+def _known_files(dataset: Dataset) -> set[Path]:
+    """Paths of all files that a dataset may have."""
+    known = {dataset.root / LOCK, dataset.root / "README.md"}
+    for kind in ("info", "stats", "tasks", "description"):
+        known.add(dataset.path(kind))
+    for number in range(dataset.row_files):
+        known.add(dataset.path("episodes", number))
+    for row in dataset.rows:
+        known.add(dataset.path("data", row.data_file))
+        known.add(dataset.path("video", row.data_file))
+    return known
+
+
+def _faults_of_files(dataset: Dataset) -> Iterator[str]:
     """Missing, unfinished and foreign files."""
     root = dataset.root
     repair = f"run `bricksrl data repair {quoted(dataset.root)}`"
-    known = {
-        root / LOCK,
-        root / "README.md",
-        *(dataset.path(kind) for kind in ("info", "stats", "tasks", "description")),
-    }
-    known |= {dataset.path("episodes", number) for number in range(dataset.row_files)}
-    for row in dataset.rows:
-        known |= {dataset.path("data", row.data_file), dataset.path("video", row.data_file)}
+    known = _known_files(dataset)
     for path in (dataset.path("stats"), dataset.path("tasks")):
         if not path.exists():
             yield f"{path} is missing; {repair}"
@@ -192,8 +202,10 @@ def recover(root: Path, *, rebuild: bool = False) -> tuple[Dataset, int, int]:
     unfinished = dataset.unfinished_files()
     for path in unfinished:
         path.unlink()
-    if not dataset.path("tasks").exists() or (rebuild and not dataset.has_task()):
+    has_wrong_task = rebuild and not dataset.has_task()
+    if has_wrong_task or not dataset.path("tasks").exists():
         dataset.write_task()
-    if episodes and (rebuild or episodes > committed or not dataset.path("stats").exists()):
+    is_behind = episodes > committed or not dataset.path("stats").exists()
+    if episodes and (rebuild or is_behind):
         dataset.write_index()
     return dataset, episodes - committed, removed + len(unfinished)

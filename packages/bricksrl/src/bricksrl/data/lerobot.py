@@ -239,7 +239,8 @@ def _read_columns(root: Path, info: dict[str, Any]) -> dict[str, NDArray[Any]]:
             f"{root} does not have the {told} of its info.json, one after the other; restore what "
             "is missing"
         )
-    first = np.flatnonzero(np.diff(number, prepend=-1))  # first frame of each episode
+    # The number of the episode changes at the first frame of each.
+    first = np.flatnonzero(np.diff(number, prepend=-1))
     length = np.diff(first, append=frames)
     wanted = np.arange(frames) - np.repeat(first, length)
     if not np.array_equal(columns["frame_index"], wanted):

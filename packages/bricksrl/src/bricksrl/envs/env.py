@@ -157,7 +157,7 @@ class HubEnv(RobotEnv, EnvBase):  # type: ignore[misc]
         return out
 
     def _act(self, tensordict: TensorDictBase) -> TensorDictBase:
-        # a copy: the agent's tensor is not changed
+        # The agent's tensor must not change, so a copy is clamped.
         action = tensordict["action"].detach().cpu().clamp(-1.0, 1.0)
         task = self.task
         episode = self._episode

@@ -17,6 +17,7 @@ from bricksrl.envs.make import make
 from bricksrl.envs.registry import get_task
 from bricksrl.envs.task import Task
 from bricksrl.errors import BricksError, RenderingUnavailableError
+from bricksrl.quiet import without_torchrl_notes
 
 _STEPS = 5
 """Steps of a repeated episode, and of a batch that the task's functions get."""
@@ -67,7 +68,8 @@ def _all_checks(env_id: str, task: Task) -> Iterator[Finding]:
     checks["determinism"] = lambda: _determinism(env_id, task)
     checks["twin"] = lambda: _twin(env_id)
     checks["values"] = lambda: _values(env_id, task)
-    yield from run_checks(checks)
+    with without_torchrl_notes():
+        yield from run_checks(checks)
 
 
 @contextmanager

@@ -51,7 +51,7 @@ def make(
     *,
     seed: int | None = None,
     copies: int = 1,
-    batch_size: int | Sequence[int] = 0,
+    batch_size: int | Sequence[int] | None = None,
     device: str = "cpu",
     kinematics: Kinematics | None = None,
     place: Placement | None = None,
@@ -74,7 +74,7 @@ def make(
     *,
     seed: int | None = None,
     copies: int = 1,
-    batch_size: int | Sequence[int] = 0,
+    batch_size: int | Sequence[int] | None = None,
     device: str = "cpu",
     kinematics: Kinematics | None = None,
     place: Placement | None = None,
@@ -96,7 +96,7 @@ def make(
             simulation, or one process for each virtual robot. They track return and length of their
             episodes by TorchRL's ``RewardSum`` and ``StepCounter``.
         batch_size, device: for a kinematic simulation: number of copies (``8``, or ``[8]`` as in
-            TorchRL) without these, 0 for one without a batch dimension; and the device of its
+            TorchRL) without these, by default one without a batch dimension; and the device of its
             tensors.
         kinematics: for a kinematic simulation: parameters in place of the environment's.
         place: places a real robot at the start of an episode and returns when it is there; by
@@ -116,13 +116,13 @@ def make(
     check_seed(seed)
     check_value("options", options, EnvOptions | None)
     options = (options or EnvOptions()).env_options.changed(**named)
-    is_plain = not batch_size and device == "cpu" and kinematics is None
+    is_plain = batch_size is None and device == "cpu" and kinematics is None
     if arrays:
         if copies != 1 or not is_plain:
             raise DescriptionError(f"{env_id} with arrays is one robot; omit arrays, or the rest")
         return _make_robot(env_id, options, seed, place)
     if copies != 1:
-        if copies < 1 or batch_size:
+        if copies < 1 or batch_size is not None:
             raise DescriptionError("copies are 1 or more; give either copies or batch_size")
         return _make_copies(
             env_id,
@@ -195,7 +195,7 @@ def _make_simulation(
     task: Task,
     options: EnvOptions,
     seed: int | None,
-    batch_size: int | Sequence[int],
+    batch_size: int | Sequence[int] | None,
     device: str,
     kinematics: Kinematics | None,
 ) -> EnvBase:
@@ -215,7 +215,7 @@ def _make_simulation(
     simulation = SimulatedEnv(
         task,
         chosen,
-        batch_size=batch_size,
+        batch_size=() if batch_size is None else batch_size,
         device=device,
         seed=seed,
     )

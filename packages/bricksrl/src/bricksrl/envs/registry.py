@@ -10,10 +10,13 @@ import sys
 import typing
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, fields, replace
+from pathlib import Path
 from typing import Annotated, Any
 
 from brickhub.fields import check_call, check_value
-from brickhub.user_files import NotCode, beside, is_reference, load_object
+from brickhub.files import quoted
+from brickhub.robot import Robot
+from brickhub.user_files import NotCode, beside, is_reference, load_object, objects_in
 from bricksrl.envs.arenas import ARENAS
 from bricksrl.envs.base_env import BaseEnv
 from bricksrl.envs.options import TRANSFORMS, EnvOptions
@@ -34,6 +37,7 @@ from bricksrl.errors import (
     hint,
 )
 from bricktwin.robots import CART
+from bricktwin.robots.planned import completed
 
 
 @dataclass(frozen=True)
@@ -240,12 +244,7 @@ def _unknown_option(
         of_all = [*ARGUMENTS["simulation"], *TRANSFORMS]
     own = f"its task has {', '.join(of_task) or 'none'}"
     all_have = f"all environments like it have {', '.join(of_all)}"
-    # These are Python's own words, which somebody would search for.
-    python_message = f"unexpected keyword argument '{option}'"
-    return (
-        f"{env_id} has no option {option}{hint(option, [*of_task, *of_all])}; {own}, "
-        f"{all_have} ({python_message})"
-    )
+    return f"{env_id} has no option {option}{hint(option, [*of_task, *of_all])}; {own}, {all_have}"
 
 
 def registration(env_id: str) -> Registration:
@@ -284,7 +283,11 @@ def _user_builder(reference: str) -> Callable[..., Task]:
         DescriptionError: the named object is no task or has the id of a different built-in one, or
             the code raised.
     """
-    found = load_object(reference, Task, missing="`bricksrl new task FILE` writes a file with one")
+    missing = "`bricksrl new task FILE` writes a file with one"
+    try:
+        found = load_object(reference, Task, missing=missing)
+    except UnknownNameError as error:
+        raise UnknownNameError(f"{error}{_on_robots_in(reference)}") from None
     if not isinstance(found, Task) and not callable(found):
         raise DescriptionError(
             f"{reference} is a {type(found).__name__} and no task; name a bricksrl.envs.Task"
@@ -309,6 +312,21 @@ def _user_builder(reference: str) -> Callable[..., Task]:
         return task
 
     return build
+
+
+def _on_robots_in(reference: str) -> str:
+    """What to do with a file that has no task but a robot; "" if it has neither. Raises PlanError
+    if a robot's plan cannot be read, DescriptionError if the robot is wrong."""
+    if not Path(reference).is_file():
+        return ""
+    found = objects_in(reference, Robot)
+    # A plan that is missing is the first thing to mend, whatever else the file lacks.
+    for robot in found.values():
+        completed(robot)
+    if not found:
+        return ""
+    command = f"bricksrl hub check {quoted(reference)} --hub virtual"
+    return f"; `{command}` checks the robot that it has"
 
 
 def _is_alike(task: Task, other: Task) -> bool:

@@ -15,8 +15,11 @@ from torchrl.envs.utils import ExplorationType, set_exploration_type
 from brickhub.finding import Finding
 from brickhub.user_files import load_object
 from bricksrl.agents import AGENTS, Algorithm, algorithm, is_reference, make_learner, preset
+from bricksrl.agents.gradient_descent import GradientLearner
 from bricksrl.agents.learner import Learner
-from bricksrl.agents.offline.bc import recorded_memory
+from bricksrl.agents.offline.imitation import ImitationLearner
+from bricksrl.agents.on_policy import OnPolicyLearner
+from bricksrl.agents.replay.learner import ReplayLearner
 from bricksrl.envs import make
 from bricksrl.envs.env_checker import Broken, Skip, run_checks
 from bricksrl.errors import BricksError, counted
@@ -98,13 +101,15 @@ class _Checked:
 
     def build(self) -> str:
         self.learner = make_learner(self.algorithm.name, make(ENV, seed=_SEED))
-        learned = sum(parameter.numel() for parameter in self.learner.parameters())
-        if self.learner.loss is not None and not learned:
+        if not isinstance(self.learner, GradientLearner):
+            return "no loss, 0 numbers to learn"
+        learned = sum(parameter.numel() for parameter in self.learner.descent.parameters())
+        if not learned:
             raise Broken(
-                "there is a loss and nothing that an optimiser moves; give the learner an optimizer"
+                "there is a loss and nothing that an optimiser moves; give the optimizer the "
+                "loss's parameters"
             )
-        loss = type(self.learner.loss).__name__ if self.learner.loss else "no loss"
-        return f"{loss}, {learned} numbers to learn"
+        return f"{type(self.learner.loss).__name__}, {learned} numbers to learn"
 
     def acting(self) -> str:
         learner = self._learner()
@@ -123,18 +128,10 @@ class _Checked:
 
     def memory(self) -> str:
         learner = self._learner()
-        if learner.imitates:
-            size = getattr(preset("default", self.algorithm.name), "batch_size", 256)
-            frames = _frames(learner, make(ENV, seed=_SEED))
-            learner.dataset = recorded_memory(
-                frames,
-                size,
-                ("observation",),
-                chunk=learner.chunk,
-                device=learner.device,
-            )
-            return f"{counted(len(learner.dataset), 'transition')} of a dataset"
-        if learner.memory is None:
+        if isinstance(learner, ImitationLearner):
+            learner.use_dataset(_frames(learner, make(ENV, seed=_SEED)))
+            return f"{counted(len(learner.dataset or ()), 'transition')} of a dataset"
+        if not isinstance(learner, ReplayLearner | OnPolicyLearner):
             raise Skip("it remembers nothing")
         learner.remember(_frames(learner, make(ENV, seed=_SEED)))
         if not len(learner.memory):
@@ -143,11 +140,12 @@ class _Checked:
 
     def learning(self) -> str:
         learner = self._learner()
-        if learner.loss is None:
+        if not isinstance(learner, GradientLearner):
             raise Skip("it learns nothing")
         # Work before the first update, such as choosing first values, is no learning.
         learner.make_updates(0)
-        before = [parameter.detach().clone() for parameter in learner.parameters()]
+        parameters = learner.descent.parameters()
+        before = [parameter.detach().clone() for parameter in parameters]
         steps = _STEPS
         if not learner.on_policy:
             # There are as many steps as four updates need, because some algorithms make less than
@@ -161,7 +159,7 @@ class _Checked:
             raise Broken(
                 f"{', '.join(wrong)} is not a number after {counted(learner.updates, 'update')}"
             )
-        pairs = zip(before, learner.parameters(), strict=True)
+        pairs = zip(before, parameters, strict=True)
         if all(torch.equal(old, new) for old, new in pairs):
             raise Broken(
                 f"{counted(learner.updates, 'update')} changed nothing; let the optimizer have "
@@ -195,7 +193,7 @@ class _Checked:
     def copies(self) -> str:
         env = make(ENV, batch_size=_COPIES, seed=_SEED)
         learner = make_learner(self.algorithm.name, env)
-        if learner.imitates or learner.loss is None:
+        if learner.needs_dataset or not learner.updates_per_step:
             raise Skip("it does not learn from a robot")
         learner.remember(_frames(learner, env))
         losses = learner.learn(_STEPS)

@@ -181,7 +181,7 @@ def evaluate(
     hub = origin.options.hub
     own: EnvBase | None = None
     if env is None or isinstance(env, str):
-        env_id = with_absolute_file(env or origin.env)
+        env_id = with_absolute_file(origin.env if env is None else env)
         nominal = evaluation_options(origin, origin.env)
         options = evaluation_options(origin, env_id, **named)
         # Whoever gives options has chosen them, and needs no note about those of the training.

@@ -188,7 +188,7 @@ def tune(
     optuna.logging.set_verbosity(logging.ERROR)
     with closing(make(tuning.env)) as env:
         learner = make_learner(tuning.agent, env)
-    if learner.imitates or learner.loss is None:
+    if learner.needs_dataset or not learner.updates_per_step:
         raise RunError(
             f"{tuning.agent} does not learn from a robot, and tuning gives it nothing else; "
             "choose another agent"

@@ -1,7 +1,7 @@
 """Policies that an environment of ours has, by name: random, scripted, and best, which comes with
 it, trained by ``python -m benchmarks policies``. Importing this loads no torch."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from brickhub.tables import read_table
+from bricksrl.agents.feature_formula import scaled_entries, with_circles_and_goals
 from bricksrl.envs.reference_returns import REFERENCES
 from bricksrl.envs.task import Task
 from bricksrl.envs.tasks.scripted import CONTROLLERS, ArrayPolicy
@@ -19,21 +20,43 @@ FOLDER = Path(__file__).with_name("trained")
 TRAINED = {row["env"]: row for row in read_table(__package__, "trained/policies")}
 """Settings and mean return of each trained policy, by its environment."""
 Floats = NDArray[np.float32]
-FULL_TURN_DEG = 360.0
+
+
+class ArrayOperations:
+    """`Operations` of NumPy."""
+
+    sin = np.sin
+    cos = np.cos
+
+    @staticmethod
+    def take(values: Floats, indices: NDArray[np.int64]) -> Floats:
+        """The values at indices."""
+        return values[..., indices]
+
+    @staticmethod
+    def scaled(
+        values: Floats,
+        scale: Floats,
+        offset: Floats,
+    ) -> Floats:
+        """Values times a factor, plus an offset."""
+        return values * scale + offset
+
+    @staticmethod
+    def joined(parts: Sequence[Floats]) -> Floats:
+        """One part after the other."""
+        return np.concatenate(parts, -1)
 
 
 @dataclass(frozen=True)
 class PlainPolicy:
-    """A policy as numbers: the features of `bricksrl.agents.encoder.ObservationEncoder`, then
-    layers with ReLU, then tanh.
+    """A policy as numbers: features by `bricksrl.agents.feature_formula`, then layers with ReLU,
+    then tanh.
 
     Attributes:
         least, greatest: observations ``[n]`` are held within these.
-        linear, scale, offset: indices, factors and offsets of the scaled entries.
-        angle_matrix: ``[n, angles]``, from observations to the angles, in rad, whose sine and
-            cosine are features.
-        goal, reached, period, goal_scale: indices of the goals and of what is to reach them; their
-            period and factor.
+        linear, scale, offset, angle_matrix, goal, reached, period, goal_scale: the formula's
+            constants.
         weights, biases: of each layer, ``[out, in]`` and ``[out]``; the last ones give the action.
     """
 
@@ -69,13 +92,9 @@ class PlainPolicy:
     def features(self, observation: Floats) -> Floats:
         """Features ``[*batch, f]``: scaled entries, all sines, all cosines, all differences to
         goals."""
-        linear = observation[..., self.linear] * self.scale + self.offset
-        angle_rad = observation @ self.angle_matrix
-        difference = observation[..., self.goal] - observation[..., self.reached]
-        # Of angles the shorter way; what does not wrap has an infinite period, and no turns.
-        turns = (difference / self.period).round()
-        difference = (difference - turns * FULL_TURN_DEG) * self.goal_scale
-        return np.concatenate((linear, np.sin(angle_rad), np.cos(angle_rad), difference), -1)
+        linear = scaled_entries(observation, self, ArrayOperations)
+        features: Floats = with_circles_and_goals(linear, observation, self, ArrayOperations)
+        return features
 
     @classmethod
     def load(cls, path: Path) -> "PlainPolicy":

@@ -15,6 +15,7 @@ from brickhub.files import check_writable, refuse_existing, write_durably
 from brickhub.hub.program.compile import compile_program, program_blob
 from brickhub.hub.program.generate import generate_alone
 from brickhub.hub.transport import HubProgram
+from brickhub.search.structure import source_by
 from brickhub.seed import derive_seed
 from brickhub.virtual.interpreter import execute
 from brickhub.virtual.machine import Machine
@@ -125,7 +126,7 @@ def export_program(
         actor = next(policy.module.children(), None) if trained is env else None
         if isinstance(actor, StructuredActor) and isinstance(actor.structure, Oscillators):
             kind = "gait"
-            source = actor.structure.hub_source(actor.best)
+            source = source_by(actor.structure.single, actor.best.tolist())
         else:
             kind = "network"
             observed = task.entries[: len(channels)]

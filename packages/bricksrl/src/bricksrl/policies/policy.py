@@ -18,7 +18,7 @@ from torchrl.envs.utils import ExplorationType, set_exploration_type
 from bricksrl.data.collect import random_policy
 from bricksrl.envs import rollout
 from bricksrl.envs.tasks.scripted import ArrayPolicy
-from bricksrl.envs.transforms import Playback, base_of, layout_of, one_step, over, still
+from bricksrl.envs.transforms import Playback, base_of, layout_of, over, steps_of, still
 from bricksrl.errors import DescriptionError
 from bricksrl.policies import load_policy
 from bricksrl.policies.sharing import is_policy
@@ -108,7 +108,7 @@ class PolicyTransforms:
 
     def __init__(self, env: EnvBase) -> None:
         self._env = env
-        self._skip = one_step(env)[1]
+        self._skip = steps_of(env)
         self._given: deque[TensorDictBase] = deque()
         self._last: TensorDictBase
         self._playback: Playback

@@ -70,15 +70,17 @@ class RunOptions:
     stop_at: Annotated[float | None, option(metavar="RETURN")] = None
     """Stop when the mean return of the last five episodes, or of an evaluation if there are any,
     reaches this."""
-    record: Flag = True
-    """Record all transitions as a dataset in the run's folder data, unless --no-record is given."""
+    record: Annotated[
+        bool, option(help="Do not record the transitions as a dataset in the run's folder data.")
+    ] = True
+    """Record all transitions as a dataset in the run's folder data."""
     log: Annotated[Literal["none", "tensorboard", "wandb", "trackio"], option(metavar="NAME")] = (
         "none"
     )
     """Also log to tensorboard, wandb or trackio; metrics.csv is always written."""
     name: Annotated[str, option(metavar="NAME"), NotCode()] = ""
     """Name of who trains, in a class; report and tables show it."""
-    patience_s: Annotated[float, Range(), option(name="patience", metavar="SECONDS")] = 300.0
+    patience_s: Annotated[float, Range(), option(metavar="SECONDS")] = 300.0
     """How long to retry when the link to a robot is lost; 0 gives up at once."""
 
 

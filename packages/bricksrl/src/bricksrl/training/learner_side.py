@@ -22,7 +22,8 @@ from torch import Tensor
 from torchrl.envs import EnvBase, TransformedEnv
 
 from brickhub.seed import derive_seed
-from bricksrl.agents.learner import Learner, means
+from bricksrl.agents.gradient_descent import means
+from bricksrl.agents.learner import Learner
 from bricksrl.child_process import END, ChildProcess, Message, Send, leave, parent_channel
 from bricksrl.envs.env_interface import interface_of
 from bricksrl.envs.registry import get_task
@@ -33,7 +34,6 @@ from bricksrl.errors import BricksError, LearnerError, message_of
 from bricksrl.training.checkpoint import save_checkpoint
 from bricksrl.training.config import TrainConfig
 from bricksrl.training.learners import attach_dataset, make_learner_for, stand_in
-from bricksrl.training.restore import restore
 
 _CHECK_S = 0.1
 """Time between two looks at whether a condition that is waited for holds."""
@@ -384,7 +384,7 @@ def serve(
     torch.manual_seed(derive_seed(config.seed, "learner", asked))
     env = _specs_of(begin, config)
     learner = make_learner_for(config, env)
-    restore(learner, started["agent"])
+    learner.load_state_dict(started["agent"])
     attach_dataset(config, learner, env)
     # Steps whose updates are pending are still to be learned from.
     done = started["pace"]["done"]

@@ -4,6 +4,7 @@ teacher."""
 import logging
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from tensordict import TensorDict
 from torchrl.envs import EnvBase
@@ -13,8 +14,6 @@ from brickhub.seed import derive_seed
 from bricksrl.agents import make_learner
 from bricksrl.agents.compiled import compile_updates
 from bricksrl.agents.learner import Learner
-from bricksrl.agents.offline.bc import recorded_memory
-from bricksrl.agents.replay.buffer import TransitionReplayBuffer
 from bricksrl.agents.teachers import Base, Scripted, add_base, imitate
 from bricksrl.data import Episodes, describe, load
 from bricksrl.envs.env_interface import interface_of
@@ -39,10 +38,12 @@ from bricksrl.errors import (
 )
 from bricksrl.training.config import SCRIPTED, TrainConfig
 from bricksrl.training.reproducible import reproducible
-from bricksrl.training.restore import Which, load_state, restore
+from bricksrl.training.restore import Which, load_state
 from bricksrl.training.run_folder import RunFolder
 
 _log = logging.getLogger(__name__)
+_MAX_DIFFERING = 5
+"""Maximum number of settings that a message shows."""
 
 
 @dataclass(frozen=True)
@@ -74,7 +75,7 @@ def load_learner(
     learner = make_learner_for(config, env, device="cpu")
     # What only acts needs no replay buffer, which is most of a checkpoint.
     agent = {key: value for key, value in state["agent"].items() if key != "memory"}
-    restore(learner, agent)
+    learner.load_state_dict(agent)
     check_weights(learner)
     return Trained(learner, len(state["episodes"]))
 
@@ -228,14 +229,14 @@ def attach_dataset(
     """Give a learner the config's data or demonstrations, and return their frames ``[time]``; also
     needed when a run resumes. Raises DataError if they cannot be used, RunError if the agent cannot
     use a dataset, or needs one."""
-    if learner.imitates and config.dataset is None:
+    if learner.needs_dataset and config.dataset is None:
         raise RunError(
             f"{config.agent} needs demonstrations; give their folder, or use `bricksrl "
             "train-offline`"
         )
     if config.dataset is None:
         return None
-    if learner.loss is None or learner.on_policy:
+    if not learner.uses_dataset:
         raise RunError(
             f"the agent {config.agent} cannot use a dataset; choose another agent, or omit the data"
         )
@@ -263,41 +264,14 @@ def attach_dataset(
         # this loads into the transforms.
         load_state(teacher, one_robot(teacher.read_config()), env)
     frames = through(env, frames)
-    learner.see(frames)
-    _give(learner, frames, config)
+    learner.use_dataset(frames)
     return frames
-
-
-def _give(
-    learner: Learner,
-    frames: TensorDict,
-    config: TrainConfig,
-) -> None:
-    """Put recorded frames ``[time]`` where a learner draws its batches from."""
-    if isinstance(learner.memory, TransitionReplayBuffer):
-        # Of the same kind as the memory, so that each batch can be half of both; a ring of one row
-        # would have no next.
-        learner.dataset = learner.memory.empty_like(max(2, len(frames)))
-        learner.dataset.extend(frames)
-    elif learner.memory is not None and not learner.imitates:
-        # A user's memory has batches of its own kind, which no other buffer can make.
-        learner.remember(frames)
-    else:
-        size = getattr(config.settings, "batch_size", 256)
-        keys = learner.policy.in_keys
-        learner.dataset = recorded_memory(
-            frames,
-            size,
-            keys,
-            chunk=learner.chunk,
-            device=learner.device,
-        )
 
 
 def teacher_of(config: TrainConfig, learner: Learner) -> RunFolder | None:
     """The run of the demonstrations whose policy a new learner imitates, if there is one."""
     # What goes on from another run has learned already; what imitates learns from data as they are.
-    if config.demonstrations is None or config.start is not None or learner.imitates:
+    if config.demonstrations is None or config.start is not None or learner.needs_dataset:
         return None
     folder = RunFolder(config.demonstrations)
     return folder if folder.config_path.exists() else None
@@ -319,7 +293,7 @@ def warm_start(
             learner,
             env,
         )
-    elif frames is not None and config.demonstrations is not None and not learner.imitates:
+    elif frames is not None and config.demonstrations is not None and not learner.needs_dataset:
         actions = frames["action"]
         if teacher_of(config, learner) is not None:
             # What a run recorded has exploration in it; its policy's best actions have none.
@@ -347,13 +321,30 @@ def _go_on_from(
             f"{start} adds to the base {old_config.base}, not to {config.base}; give its own"
         )
     # As plain values: a user's class differs each time it is loaded.
-    if old_config.to_dict()["settings"] != config.to_dict()["settings"]:
-        raise CheckpointError(f"the agent of {start} has other settings; go on with its own")
+    differing = _differing(old_config.to_dict()["settings"], config.to_dict()["settings"])
+    if differing:
+        raise CheckpointError(
+            f"the agent of {start} has other settings: {differing}; go on with its own"
+        )
     state = load_state(folder, one_robot(old_config), env)
-    restore(learner, state["agent"])
+    learner.load_state_dict(state["agent"])
     load_transform_state(env, state["transforms"])
     # Episodes that ran in a fleet do not go on.
     learner.begin_elsewhere()
+
+
+def _differing(own: dict[str, Any], given: dict[str, Any]) -> str:
+    """Settings of a run's own agent that are not the given ones, such as ``gamma 0.99, not 0.5``;
+    "" if there are none."""
+    texts = [
+        f"{name} {own.get(name)}, not {given.get(name)}"
+        for name in (own | given)
+        if own.get(name) != given.get(name)
+    ]
+    shown = texts[:_MAX_DIFFERING]
+    if len(texts) > len(shown):
+        shown.append(f"and {len(texts) - len(shown)} more")
+    return "; ".join(shown).replace("; and", " and")
 
 
 def check_weights(learner: Learner) -> None:

@@ -18,7 +18,7 @@ from torchrl.envs import EnvBase
 from brickhub.files import quoted
 from brickhub.seed import episode_seed
 from brickhub.user_files import without_folder
-from bricksrl.agents.learner import means
+from bricksrl.agents.gradient_descent import means
 from bricksrl.data.schema import describe
 from bricksrl.envs.rollout import Driver, play_episodes
 from bricksrl.envs.specs import given_specs

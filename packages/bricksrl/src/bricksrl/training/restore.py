@@ -10,9 +10,7 @@ from torchrl.envs import EnvBase
 
 from brickhub.fields import check_fields, check_value
 from brickhub.files import parsing
-from bricksrl.agents.learner import Learner
 from bricksrl.agents.networks import action_size
-from bricksrl.agents.teachers import anchor
 from bricksrl.envs.transforms import (
     layout_of,
     load_transform_state,
@@ -27,17 +25,6 @@ from bricksrl.training.run_folder import RunFolder
 
 Which = Literal["last", "best"]
 """The last checkpoint of a run, or that of its best evaluation."""
-
-
-def restore(learner: Learner, state: dict[str, Any]) -> None:
-    """Restore `Learner.state_dict` of a learner that may be anchored. Raises CheckpointError as
-    `Learner.load_state_dict` does, RunError if an anchored one is compiled."""
-    loss = state.get("loss")
-    # Only a taught learner's loss has an anchor as a part of it, which must be there before its
-    # state is loaded.
-    if isinstance(loss, dict) and any(str(name).startswith("anchor.") for name in loss):
-        anchor(learner)
-    learner.load_state_dict(state)
 
 
 def load_state(
@@ -66,7 +53,7 @@ def load_state(
     try:
         load_transform_state(env, state["transforms"], frozen=frozen)
     except Exception as error:  # noqa: BLE001
-        # - transforms of any kind refuse in any way
+        # A transform of any kind may refuse in any way.
         misfit = error
     identity = identity_of(config, env)
     # The digest says that the file is whole, and not who wrote it. A stranger's may hold anything,

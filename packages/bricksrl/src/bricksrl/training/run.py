@@ -27,7 +27,7 @@ from bricksrl.training.learners import attach_dataset, make_learner_for, warm_st
 from bricksrl.training.loggers import Tracking
 from bricksrl.training.loop import Loop
 from bricksrl.training.reproducible import reproducible
-from bricksrl.training.restore import identity_of, load_state, restore, run_state
+from bricksrl.training.restore import identity_of, load_state, run_state
 from bricksrl.training.run_folder import RunFolder
 from bricksrl.training.signals import StopSignals
 
@@ -268,9 +268,9 @@ def _learning(
     """The learner from a checkpoint's state, here or in another process until the end of the
     ``stack``."""
     # An agent that learns nothing by gradients, or only between episodes, keeps no robot waiting.
-    keeps_none_waiting = learner.loss is None or bool(config.updates)
+    keeps_none_waiting = not learner.updates_per_step or bool(config.updates)
     if not config.asynchronous or keeps_none_waiting:
-        restore(learner, state["agent"])
+        learner.load_state_dict(state["agent"])
         learner.act_on(env.device)
         return InLoopLearner(learner, state)
     side = stack.enter_context(AsyncLearner(config, env, learner, state))

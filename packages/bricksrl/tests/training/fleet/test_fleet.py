@@ -15,8 +15,8 @@ import pytest
 import torch
 from tensordict import TensorDict
 
-from bricksrl.agents.learner import memory_state
 from bricksrl.agents.replay.buffer import TransitionReplayBuffer
+from bricksrl.agents.replay.memory_state import memory_state
 from bricksrl.agents.sac import SACSettings
 from bricksrl.data import load
 from bricksrl.data.dataset import read_dataset

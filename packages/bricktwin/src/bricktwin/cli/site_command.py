@@ -19,7 +19,7 @@ class MakeSite:
     """Make a folder of plain files that is a site: a hub, robots and their physics, in a browser's
       tab.
 
-      Put the folder on any web space (https), or on a stick, where `python serve.py` in it starts the
+      Put the folder on any web space (https), or on a stick, where `python serve.py` in it starts
       site. It needs no other server, and works offline after the first visit. npm (Node.js) fetches
       what it is made of, once.
 

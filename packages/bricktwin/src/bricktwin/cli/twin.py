@@ -69,7 +69,7 @@ class RecordMotion:
     seed: Seed = 0
     """Seed of the commands."""
     physics: Annotated[Path | None, option(metavar="FILE"), _PHYSICS] = None
-    """Physics of a virtual robot: a JSON file such as `bricktwin twin fit` writes."""
+    """Physics of a virtual robot: a JSON file such as a fit of the twin writes."""
 
     def execute(self) -> None:
         import numpy as np
@@ -153,15 +153,16 @@ class Measure:
     """
 
     robot: Annotated[Positional[str], option(metavar="ROBOT"), Existing(check_there)]
-    """Robot, as for `bricktwin twin record`."""
+    """Robot: two-wheeler, walker, robo-arm or bench; my_robot.ldr; my_robot.py; with bricksrl an
+    environment, for its robot."""
     out: Annotated[Path, option(metavar="DIR")]
     """Folder to write log.jsonl, report.html and physics.json to."""
     hub: Annotated[str, option(metavar="HUB")] = "virtual"
-    """How to reach the robot, as for `bricktwin twin record`."""
+    """How to reach the robot: virtual, ble, ble:NAME, ble:ADDRESS, usb or usb:PORT."""
     seed: Seed = 0
     """Seed of a virtual robot's noise and hands."""
     physics: Annotated[Path | None, option(metavar="FILE"), _PHYSICS] = None
-    """Physics of a virtual robot: a JSON file such as `bricktwin twin fit` writes."""
+    """Physics of a virtual robot: a JSON file such as a fit of the twin writes."""
 
     def execute(self) -> None:
         from bricktwin.measure.report import HEAD, lines, write_report
@@ -234,9 +235,9 @@ class FitTwin:
         option(metavar="LOG"),
         existing_file("the log", TwinError, "give a file that `bricktwin twin record` wrote"),
     ]
-    """File that `bricktwin twin record` wrote."""
+    """File with a recorded motion."""
     robot: Annotated[str | None, option(metavar="ROBOT"), Existing(check_there)] = None
-    """Robot, as for `bricktwin twin record`; by default the built-in one that the log names."""
+    """Robot: as when it was recorded; by default the built-in one that the log names."""
     parameters: Annotated[tuple[str, ...], option(metavar="NAME")] = FITTED
     """Parameters to fit; leave out those that you know."""
     out: Annotated[Path | None, option(metavar="FILE")] = None

@@ -212,7 +212,7 @@ def _kinds_of(reference: Reference) -> Iterator[tuple[Reference, Assembly]]:
 
 
 def _number(reference: Reference) -> str:
-    """Number of what a line places, in the catalogue if it is there under another one."""
+    """Number of the part that a line places: the catalogue's, if it is there under another one."""
     number = reference.name.lower().removesuffix(".dat")
     part = catalogue.find(number)
     return number if part is None else part.number
@@ -243,7 +243,7 @@ def _whole(
     assembly: Assembly,
     first: Piece,
 ) -> Reference:
-    """The whole that a first piece belongs to."""
+    """The line of the whole part to which a first piece belongs."""
     offset = reference.offset - reference.matrix @ first.place
     # The first piece and the whole may share a number, which then is already in the catalogue.
     is_known_part = catalogue.find(reference.name) is not None
@@ -271,7 +271,7 @@ def _included(
 
 
 def _with_marks(whole: Reference, pieces: Sequence[Reference]) -> Reference:
-    """A part with what our comments say of it, or of one of its pieces."""
+    """A part with the marks from our comments on it, or on one of its pieces."""
     for piece in pieces:
         if whole.port is None and piece.port is not None:
             whole = replace(

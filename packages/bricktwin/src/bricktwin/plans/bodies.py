@@ -112,7 +112,7 @@ class Bodies:
         for first, second, mesh in self.meshes:
             linear = mesh.motion[:, :3]
             angular = mesh.motion[:, 3:] / RATE_LENGTH
-            scaled = np.concatenate([linear, angular], axis=1)
+            scaled = np.concatenate([linear, angular], axis=1)  # [2, 6]
             rows.append(_rows(count, (first, scaled[:1]), (second, scaled[1:])))
         return _null_space(np.concatenate(rows))
 
@@ -336,10 +336,13 @@ def _line_of(bundle: Sequence[_Link]) -> tuple[Floats, Floats]:
     largest = int(np.argmax(np.abs(np.round(axis, 6))))
     axis = axis * np.sign(axis[largest])
     points = np.array([link.connection.point for link in bundle])  # [n, 3]
-    along = points @ axis
+    along = points @ axis  # [n]
     middle = (along.min() + along.max()) / 2
     mean = points.mean(axis=0)
-    return mean + axis * (middle - float(mean @ axis)), axis
+    # The mean of the points averages their errors across the axis, but along it the middle of both
+    # ends counts.
+    to_middle = middle - float(mean @ axis)
+    return mean + axis * to_middle, axis
 
 
 def _is_coaxial(first: Connection, second: Connection) -> bool:

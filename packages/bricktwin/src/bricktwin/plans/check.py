@@ -196,7 +196,8 @@ def _check_motions(
     structure: Structure,
     guesses: Sequence[frozenset[int]],
 ) -> Iterator[_Mistake]:
-    """Parts that move although all motors are braked, and motors that cannot turn."""
+    """Findings on parts that move although all motors are braked, and on motors that cannot
+    turn."""
     bodies = structure.bodies
     if len(bodies.members) > MAX_BODIES:
         yield (

@@ -21,7 +21,7 @@ _MAX_OFFSET = 1.2
 """Largest distance of a pin from the axis of its hole, LDU."""
 _MAX_TILT = 0.03
 """Sine of the largest angle between a pin and its hole."""
-# The same limit where a pin only needs room: real parts give way.
+# A pin that only needs room gets these wider limits, because real parts give way.
 _MAX_LOOSE_OFFSET = 2.5
 """LDU."""
 _MAX_LOOSE_TILT = 0.1
@@ -95,18 +95,18 @@ class Connection:
 
     @property
     def is_axle(self) -> bool:
-        """Whether it is an axle in a hole."""
+        """Whether the connection is an axle in a hole."""
         return self.male_site.fit is Fit.AXLE
 
     @property
     def is_ball(self) -> bool:
-        """Whether it is a ball joint."""
+        """Whether the connection is a ball joint."""
         return self.male_site.fit is Fit.BALL
 
     @property
     def is_rigid(self) -> bool:
-        """Whether it has no freedom: an axle in an axle hole, a stud (also a single one), or a
-        tyre."""
+        """Whether the connection has no freedom: an axle in an axle hole, a stud (even a single
+        one), or a tyre."""
         return (self.male_site.fit, self.female_site.fit) in _RIGID
 
 
@@ -391,7 +391,7 @@ class _Geared(NamedTuple):
 
     @property
     def reach(self) -> float:
-        """Largest distance of something that meshes with it from its middle, LDU."""
+        """Largest distance from the gear's middle to anything that meshes with it, LDU."""
         # A rack is longer than any radius. Half of its length is 4 LDU for each tooth.
         return max(self.gear.pitch_radius, self.gear.width, 4.0 * self.gear.teeth)
 

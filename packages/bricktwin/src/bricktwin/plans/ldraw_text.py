@@ -33,9 +33,7 @@ def read_text(path: Path) -> str:
             # reading all of it.
             data = file.read(MAX_BYTES + 1)
     except OSError as error:
-        raise PlanError(
-            f"{path}: {error.strerror or error}; name an LDraw file (.ldr, .mpd or .io)"
-        ) from None
+        raise unread(path, error) from None
     # The first bytes tell a Studio file, which is a zip, whatever its name is.
     if data[:2] == b"PK" and len(data) <= MAX_BYTES:
         data = _unzipped(path, data)
@@ -53,6 +51,16 @@ def read_text(path: Path) -> str:
             f"{path} is not a text file; export the model as an LDraw file (.ldr or .mpd)"
         )
     return text
+
+
+def unread(path: Path, error: OSError) -> PlanError:
+    """The error for a plan that cannot be read. A path that is relative is looked for in the
+    present folder, not beside the file that names it, so the folder is named."""
+    where = ""
+    if isinstance(error, FileNotFoundError) and not path.is_absolute():
+        where = f" in {Path.cwd()}"
+    reason = error.strerror or str(error)
+    return PlanError(f"{path}: {reason}{where}; name an LDraw file (.ldr, .mpd or .io)")
 
 
 def _unzipped(path: Path, data: bytes) -> bytes:

@@ -182,7 +182,7 @@ class Part:
 
     @property
     def holes(self) -> tuple[Site, ...]:
-        """The female sites."""
+        """The pin holes and axle holes."""
         return tuple(site for site in self.sites if site.fit in (Fit.HOLE, Fit.AXLE_HOLE))
 
     def contains(

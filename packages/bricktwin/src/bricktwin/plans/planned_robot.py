@@ -13,7 +13,7 @@ from bricktwin.plans.bodies import find_bodies
 from bricktwin.plans.building import Occupancy
 from bricktwin.plans.connections import connections, meshes
 from bricktwin.plans.geometry import M_PER_LDU, rotation
-from bricktwin.plans.ldraw_text import sources_of
+from bricktwin.plans.ldraw_text import sources_of, unread
 from bricktwin.plans.mechanism.articulation import Articulation, Drive, articulation
 from bricktwin.plans.mechanism.kinematics import TO_TWIN, Train, Wheel, mechanism, trains
 from bricktwin.plans.part import DeviceKind
@@ -52,9 +52,7 @@ def planned_robot(path: Path) -> PlannedRobot:
     try:
         return _planned(path, tuple(sources_of(path)))
     except OSError as error:
-        raise PlanError(
-            f"{path}: {error.strerror or error}; name an LDraw file (.ldr, .mpd or .io)"
-        ) from None
+        raise unread(path, error) from None
 
 
 @functools.lru_cache(maxsize=16)
@@ -123,9 +121,9 @@ def free_deg(
 
 @functools.lru_cache(maxsize=64)
 def stops_deg(planned: PlannedRobot, port: str) -> tuple[float, float] | None:
-    """Angles of a motor at which what it drives meets other parts, degrees of its rotation sensor;
-    ``None`` if it can turn all around, or if nobody knows: what has wheels, which give way, and
-    what is part of a linkage, whose other parts move too."""
+    """Angles of a motor (degrees of its rotation sensor) at which the driven parts meet others.
+    ``None`` if it can turn all around, and where the angles are unknown: wheels give way, and in a
+    linkage other parts move too."""
     articulation = planned.articulation
     drive = next(drive for drive in articulation.drives if drive.port == port)
     carried = carried_by(articulation, drive)
@@ -147,7 +145,7 @@ def stops_deg(planned: PlannedRobot, port: str) -> tuple[float, float] | None:
 
 
 def carried_by(articulation: Articulation, drive: Drive) -> set[int]:
-    """Bodies that a motor moves: what it drives, and all on that."""
+    """Bodies that a motor moves: the driven one, and all that it carries."""
     carried = {drive.joint.child}
     for joint in articulation.joints:
         if joint.parent in carried:
@@ -205,7 +203,7 @@ class _Sweep:
         return travel_deg
 
     def _is_clear(self, angle_deg: float) -> bool:
-        """Whether what is moved, turned by an angle of the driven part, meets nothing."""
+        """Whether the moved parts meet nothing when the driven part is turned by an angle."""
         turn = rotation(self._axis, math.radians(angle_deg))
         parts = list(self._parts)
         for index in self._moved:

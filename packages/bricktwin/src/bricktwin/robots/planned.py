@@ -32,7 +32,6 @@ if TYPE_CHECKING:
     from bricktwin.plans.plan import Placed, Plan
     from bricktwin.plans.planned_robot import PlannedRobot
 
-# How far a description and its plan may be apart.
 _WHEEL_TOLERANCE_MM = 0.5
 """Largest difference of a wheel's diameter, mm."""
 _TRACK_TOLERANCE_MM = 2.0
@@ -503,8 +502,8 @@ def disagreements(robot: Robot | _Description, design: PlanFacts) -> Iterator[_M
             yield from _check_device(name, device, parts[device.port])
         else:
             text = (
-                f"the robot {name} has '{device.name}' on port {device.port}, the plan "
-                "nothing; add it with 0 !BRICKSRL PORT"
+                f"the robot {name} has '{device.name}' on port {device.port}, but the plan has "
+                "nothing there; add it with 0 !BRICKSRL PORT"
             )
             yield 0, "wiring", text
     # The other way round, the plan may have a device that the description lacks.
@@ -512,8 +511,8 @@ def disagreements(robot: Robot | _Description, design: PlanFacts) -> Iterator[_M
     for port, part in parts.items():
         if port not in described:
             text = (
-                f"port {port} has {part.part} '{part.label or ''}', but for the robot {name} "
-                "nothing; make both agree"
+                f"port {port} has {_named(part)} in the plan, but the robot {name} has nothing "
+                "there; make both agree"
             )
             yield part.line, "wiring", text
     if base is not None:
@@ -539,9 +538,14 @@ def _wrong_mount(
         return "the hub is at an angle, so its IMU cannot be read; turn it, or say needs_imu=False"
     top, front = planned_sides
     return (
-        f"the hub's top looks {top} and its front {front}, but for the robot {name} "
+        f"the hub's top looks {top} and its front {front} in the plan, but the robot {name} says "
         f"{sides[0]} and {sides[1]}; turn it, or say hub_sides={planned_sides}"
     )
+
+
+def _named(part: DeviceFacts) -> str:
+    """A device of a plan in words: its part, and its name there, if it has one."""
+    return part.part if part.label is None else f"{part.part} '{part.label}'"
 
 
 def _check_device(
@@ -551,18 +555,18 @@ def _check_device(
 ) -> Iterator[_Mistake]:
     """Contradictions in name, kind and gears of a motor or sensor."""
     kind = device.kind.value
-    label = f"port {device.port} has {part.part} '{part.label or ''}'"
+    label = f"port {device.port} has {_named(part)} in the plan"
     if part.name != kind:
         yield (
             part.line,
             "wiring",
-            f"{label}, but for the robot {name} '{device.name}', a {kind}; make both agree",
+            f"{label}, but the robot {name} has '{device.name}' there, a {kind}; make both agree",
         )
     elif part.label is not None and part.label != device.name:
         yield (
             part.line,
             "wiring",
-            f"{label}, but for the robot {name} '{device.name}'; make both agree",
+            f"{label}, but the robot {name} calls it '{device.name}'; make both agree",
         )
     elif isinstance(device, Motor) and device.gears and part.ratio:
         if device.gears[0] == device.gears[-1]:
@@ -572,8 +576,8 @@ def _check_device(
         if abs(ratio - abs(part.ratio)) > _RATIO_TOLERANCE * ratio:
             teeth = " to ".join(map(str, part.gears)) or "no gears"
             text = (
-                f"motor '{device.name}' has gears {device.gears} for the robot {name}, but "
-                f"{teeth} in the plan; correct one"
+                f"the robot {name} says that motor '{device.name}' has gears {device.gears}, but "
+                f"the plan has {teeth}; correct one"
             )
             yield part.line, "gears", text
 

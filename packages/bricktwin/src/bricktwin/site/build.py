@@ -21,6 +21,7 @@ from bricktwin.site.names import device_table, pybricks_names
 from bricktwin.site.packages import SiteError, unpack_packages
 from bricktwin.site.robots import OWN, PACKED, write_robots
 from bricktwin.view.script import FOLDER as VIEW
+from bricktwin.worlds import WORLDS
 
 _HERE = Path(__file__).parent
 STATIC = _HERE / "static"
@@ -41,10 +42,16 @@ _LEFT_OUT = (
     "bricktwin/plans",
     "bricktwin/site/programs",
     "bricktwin/site/static",
-    "bricktwin/twin/models",
     "bricktwin/twin/render",
     "bricktwin/view",
 )
+_NEVER_ASKED = (
+    "(unittest|xmlrpc|wsgiref|pydoc|pydoc_data|ensurepip|venv|idlelib|tkinter|turtle|sqlite3|dbm|"
+    "curses|multiprocessing|_pyrepl|mailbox|imaplib|smtplib|poplib|ftplib|doctest|pdb|bdb|"
+    "pickletools|plistlib|optparse|_pydatetime|_pydecimal|cProfile|profile|pstats|trace|zipapp|"
+    "webbrowser|netrc|modulefinder|xml|zoneinfo|statistics)(/|[.]py)"
+)
+"""Modules of Python that a site leaves out: interfaces to what no tab has, tools of developers."""
 _FIXED_DATE = (1980, 1, 1, 0, 0, 0)
 """Date of the files in an archive, so that the same sources make the same site."""
 
@@ -53,6 +60,7 @@ def build_site(
     out: Path,
     robots: Sequence[Robot] = OWN,
     policies: Path | None = None,
+    worlds: Sequence[str] = tuple(WORLDS),
 ) -> list[Path]:
     """Make a site in a folder, which is new, empty, or a site that is replaced.
 
@@ -60,6 +68,7 @@ def build_site(
         out: the folder.
         robots: those that can be chosen, the first one at first.
         policies: folder of hub programs, ``NAME.py``, that are offered beside ours.
+        worlds: those that can be chosen for robots that drive, beside the open floor.
 
     Returns:
         All files of the site.
@@ -75,7 +84,7 @@ def build_site(
         _copy_pages(fresh)
         _put_runtimes(fresh)
         (fresh / "houses.zip").write_bytes(houses())
-        _write_json(fresh / "robots.json", write_robots(fresh, robots))
+        _write_json(fresh / "robots.json", write_robots(fresh, robots, worlds))
         _write_json(fresh / "programs.json", programs(policies))
         _write_json(fresh / "pybricks.json", pybricks_names())
         _write_json(fresh / "devices.json", device_table())
@@ -160,11 +169,13 @@ def _make_runtimes(work: Path, made: Path) -> None:
 
 
 def _stored(archive: Path, folder: Path) -> Path:
-    """The same archive without compression: as one it becomes smaller, and Python reads it
-    faster."""
+    """The same archive without compression, as a whole it becomes smaller; and without modules of
+    which nothing in a tab is known to ask."""
     stored = folder / archive.name
     with zipfile.ZipFile(archive) as packed, zipfile.ZipFile(stored, "w") as plain:
         for name in packed.namelist():
+            if re.match(_NEVER_ASKED, name):
+                continue
             plain.writestr(zipfile.ZipInfo(name, _FIXED_DATE), packed.read(name))
     return stored
 
@@ -195,10 +206,10 @@ def _sources() -> Iterator[tuple[str, bytes]]:
 
 
 def programs(policies: Path | None) -> list[dict[str, str]]:
-    """Programs that the page offers: title, file name, source, and the robot it is for.
+    """Programs that the page offers: title, file name, source, the robot and world it is for.
 
-    The first line of each is a comment with its title; a second one, ``# Robot: ROBOT WORLD``, names
-    the robot and the world that it is for, else the bench.
+    The first line of each is a comment with its title; a second one, ``# Robot: ROBOT WORLD``,
+    names the robot and the world, else it is for the bench.
     """
     found = list(_described(sorted(PROGRAMS.glob("*.py"))))
     if policies is not None:

@@ -26,14 +26,24 @@ _OPEN = "open floor"
 _WITHOUT_WHEELS = ("wall",)
 
 
-def write_robots(site: Path, robots: Sequence[Robot]) -> list[dict[str, Any]]:
+def write_robots(
+    site: Path,
+    robots: Sequence[Robot],
+    worlds_of_drivers: Sequence[str] = tuple(WORLDS),
+) -> list[dict[str, Any]]:
     """Write the files of robots into a site; returns its index: name and title of each robot, and
-    name, title and file of each of its worlds. Raises TwinError if a robot has no model."""
+    name, title and file of each of its worlds. Raises TwinError if a robot has no model.
+
+    Args:
+        site: its folder.
+        robots: to be offered.
+        worlds_of_drivers: worlds for robots that drive, beside the open floor.
+    """
     index = []
     for robot in robots:
         worlds: dict[str, Scene] = {_OPEN: OPEN_FLOOR}
         if robot.drive_base is not None:
-            worlds.update({name: world(name) for name in WORLDS})
+            worlds.update({name: world(name) for name in worlds_of_drivers})
         elif robot.needs_imu:
             worlds.update({name: world(name) for name in _WITHOUT_WHEELS})
         folder = f"robots/{as_file_name(robot.name)}"

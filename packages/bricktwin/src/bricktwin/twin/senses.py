@@ -15,7 +15,7 @@ from typing import Protocol
 from brickhub.robot import SensorKind
 from bricktwin.twin.conventions import OBSTACLE_GROUP, object_name
 from bricktwin.twin.engine import Engine
-from bricktwin.twin.objects import COLORS, Lamp, Mark, Picture, Point
+from bricktwin.twin.objects import COLORS, Lamp, Picture, Point
 from bricktwin.twin.rotations import (
     Quaternion,
     Vector,
@@ -286,12 +286,8 @@ class WorldSenses:
     ) -> None:
         self._engine = engine
         self._scene = scene
-        self._marks: list[tuple[Mark, Vector | None]] = []
-        """Marks with their colours; ``None`` for a picture, which has many. The uppermost mark is
-        the last, and hides those below it."""
-        for mark in reversed(scene.marks):
-            color = None if isinstance(mark, Picture) else COLORS[mark.color]
-            self._marks.append((mark, color))
+        self._marks = scene.marks[::-1]
+        """Marks from the uppermost one, which hides those below it."""
         self._lamps = [item for item in scene.objects if isinstance(item, Lamp)]
         self._colors: dict[int, Vector] = {}
         """Colours of the scene's objects, by the indices of their geometries."""
@@ -376,7 +372,7 @@ class WorldSenses:
         blue = 0.0
         # Points of the spot that no mark has covered so far.
         bare = self._disc
-        for mark, color in self._marks:
+        for mark in self._marks:
             if isinstance(mark, Picture):
                 left = []
                 for x, y in bare:
@@ -398,6 +394,7 @@ class WorldSenses:
                 for x, y in bare:
                     if mark.beyond_mm(middle_x + radius_mm * x, middle_y + radius_mm * y) > 0.0:
                         left.append((x, y))
+            color = COLORS[mark.color]
             share = (len(bare) - len(left)) / _POINTS
             red += share * color[0]
             green += share * color[1]

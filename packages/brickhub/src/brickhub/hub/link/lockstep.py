@@ -251,7 +251,7 @@ class HubLink(RobotLink):
         for name, step in (("stop", self.stop), ("disconnect", self._transport.close)):
             try:
                 step()
-            # - closing must go on, whatever a transport raises; the hub stops by itself
+            # Closing must go on whatever a transport raises, because the hub stops by itself.
             except Exception as error:  # noqa: BLE001
                 # The trace of an error that is not one of ours points to a bug.
                 is_ours = isinstance(error, HubError)

@@ -11,12 +11,14 @@ from collections import Counter
 from collections.abc import Sequence
 from importlib import resources
 
+from brickhub.entry import Entry
 from brickhub.errors import DescriptionError, ProgramError
 from brickhub.fields import check_fields
 from brickhub.hub import protocol
 from brickhub.hub.commands import WIRE_MAX, Command
-from brickhub.hub.interface import Channel, Interface
+from brickhub.hub.interface import Channel, Interface, Pitch, Roll
 from brickhub.hub.transport import HubProgram, Pipe
+from brickhub.hub.trial_protocol import SHARE_MAX, TRIAL_END, TrialWire
 from brickhub.robot import Direction, Motor, Robot, Sensor
 from brickhub.robot.spec import HUB_FLAT
 
@@ -24,6 +26,10 @@ WATCHDOG_MS = 400
 """Default silence after which the hub stops its motors; a WATCHDOG frame changes it."""
 END_MS = 10_000
 """Further silence after which the program ends, so that the hub advertises again."""
+LONGEST_TRIAL_MS = 10_000
+"""Time after which a trial ends in any case: nobody has to tell the hub so."""
+TILT_DEG = 35.0
+"""Default pitch or roll that ends a trial."""
 _MAX_SETTLE_MS = 60_000
 """Longest step, shorter than the 65.5 s after which the hub's clock wraps on the wire."""
 
@@ -127,7 +133,7 @@ def generate(
     """
     validate(robot, interface)
     loop_imports, loop = _onboard("loop")
-    input_imports, input_part = _onboard({Pipe.STDIN: "stdio", Pipe.APP_DATA: "app_data"}[pipe])
+    input_imports, input_part = _input(pipe)
     parts = [
         _constants(robot, interface, pipe),
         *_joint_part(robot, interface),
@@ -137,11 +143,16 @@ def generate(
         _start_moves(robot, interface),
         _read_channels(robot, interface),
         _onboard("moves")[1],
+        _onboard("frames")[1],
         loop,
     ]
     imports = _robot_imports(robot, interface) + input_imports + loop_imports
-    text = _joined(_header(robot, interface), imports, parts)
-    # The program sends this hash, so it is computed from the text without it.
+    return _with_hash(_joined(_header(robot, interface), imports, parts), pipe)
+
+
+def _with_hash(text: str, pipe: Pipe) -> HubProgram:
+    """The program of a text, which says the text's hash."""
+    # It therefore cannot be the hash of its own text.
     program_hash = hashlib.sha256(text.encode()).digest()[:4]
     source = text.replace(_hash_line(bytes(4)), _hash_line(program_hash), 1)
     return HubProgram(source, int.from_bytes(program_hash, "little"), pipe)
@@ -171,20 +182,13 @@ def generate_alone(
         ProgramError: the robot's hub cannot run such a program.
     """
     validate(robot, interface)
-    settle = interface.settle
-    # Actions are scaled by the middle and the half of each command's range, in wire units.
-    spans = []
-    for command in interface.commands:
-        middle = (command.low + command.high) / 2
-        half = (command.high - command.low) / 2
-        spans.append((middle * command.scale, half * command.scale))
     policy_imports, policy = _parted(policy)
     alone_imports, alone = _onboard("alone")
     constants = [
-        f"UNTIL_DONE = {settle.fixed_ms is None}  # a step ends when all moves have ended",
-        f"SETTLE_MS = {settle.longest_ms}  # and after this time in any case",
+        *_step_constants(interface),
         f"AGE_MS = {age_ms}  # age of an observation when its commands start",
-        f"SPANS = {tuple(spans)}  # middle and half of each command's range, times its scale",
+        "# Middle and half of each command's range, times its scale.",
+        f"SPANS = {_spans(interface)}",
     ]
     parts = [
         "\n".join(constants) + "\n",
@@ -200,6 +204,87 @@ def generate_alone(
     header = _header(robot, interface, end)
     imports = _robot_imports(robot, interface) + policy_imports + alone_imports
     return HubProgram(_joined(header, imports, parts), 0, says_hello=False)
+
+
+def generate_trials(
+    robot: Robot,
+    interface: Interface,
+    numbers: Sequence[Entry],
+    policy: str,
+    *,
+    tilt_deg: float = TILT_DEG,
+    pipe: Pipe = Pipe.STDIN,
+) -> HubProgram:
+    """Generate a program with which ``robot`` tries a structured policy by itself, one trial at a
+    time, by numbers that the host sends: see `brickhub.hub.trial_protocol`.
+
+    Args:
+        numbers: the policy's numbers ``[p]``, with their ranges.
+        policy: MicroPython that defines ``act_by(observed, numbers)``: actions in -1..1 for all
+            channels, in their units.
+        tilt_deg: pitch or roll that ends a trial, if the interface has them.
+
+    Raises:
+        DescriptionError: robot and interface do not match, or there are no numbers or too many.
+        ProgramError: the robot's hub cannot run such a program.
+    """
+    validate(robot, interface)
+    wire = TrialWire(interface, robot, numbers)
+    policy_imports, policy = _parted(policy)
+    trials_imports, trials = _onboard("trials")
+    input_imports, input_part = _input(pipe)
+    ranges = [((one.low + one.high) / 2, (one.high - one.low) / 2 / SHARE_MAX) for one in numbers]
+    limits = []
+    for index, channel in enumerate(interface.channels):
+        if isinstance(channel, Pitch | Roll):
+            limits.append((index, tilt_deg))
+    constants = [
+        *_wire_constants(wire.answer_format, wire.down_frame_bytes, pipe),
+        f"END_HEAD = bytes([MAGIC, 0, {TRIAL_END}])",
+        f'PIECE_FORMAT = "{wire.piece_format}"  # of a piece of a trial\'s numbers',
+        f"PIECES = {wire.pieces}",
+        "RANGES = (  # middle, and half for the unit on the wire, of each number",
+        *(f"    ({middle:.7g}, {half:.7g})," for middle, half in ranges),
+        ")",
+        "",
+        *_step_constants(interface),
+        "# Middle and half of each command's range, times its scale.",
+        f"SPANS = {_spans(interface)}",
+        f"LIMITS = {tuple(limits)}  # index of a tilt, and where it ends a trial",
+        f"LONGEST_MS = {LONGEST_TRIAL_MS}  # of a trial",
+        f"END_MS = {END_MS}  # silence between trials that ends the program",
+    ]
+    parts = [
+        "\n".join(constants) + "\n",
+        *_joint_part(robot, interface),
+        input_part,
+        _devices(robot, interface),
+        _start_moves(robot, interface),
+        _observe(interface, range(len(interface.channels))),
+        _packed(robot, interface),
+        policy,
+        _onboard("moves")[1],
+        _onboard("frames")[1],
+        trials,
+    ]
+    end = "It makes trials by itself, by numbers that it is told."
+    imports = _robot_imports(robot, interface) + policy_imports + input_imports + trials_imports
+    return _with_hash(_joined(_header(robot, interface, end), imports, parts), pipe)
+
+
+def _input(pipe: Pipe) -> tuple[list[str], str]:
+    """Import lines and body of what talks to the host."""
+    return _onboard({Pipe.STDIN: "stdio", Pipe.APP_DATA: "app_data"}[pipe])
+
+
+def _spans(interface: Interface) -> tuple[tuple[float, float], ...]:
+    """Of each command: middle and half of its range, on the wire, to which actions are scaled."""
+    spans = []
+    for command in interface.commands:
+        middle = (command.low + command.high) / 2
+        half = (command.high - command.low) / 2
+        spans.append((middle * command.scale, half * command.scale))
+    return tuple(spans)
 
 
 def _joined(
@@ -307,13 +392,19 @@ def _robot_imports(robot: Robot, interface: Interface) -> list[str]:
     ]
 
 
-def _constants(
-    robot: Robot,
-    interface: Interface,
+def _step_constants(interface: Interface) -> list[str]:
+    settle = interface.settle
+    return [
+        f"UNTIL_DONE = {settle.fixed_ms is None}  # a step ends when all moves have ended",
+        f"SETTLE_MS = {settle.longest_ms}  # and after this time in any case",
+    ]
+
+
+def _wire_constants(
+    answer_format: str,
+    down_frame_bytes: int,
     pipe: Pipe,
-) -> str:
-    wire = protocol.WireFormat(interface, robot)
-    until_done = interface.settle.fixed_ms is None
+) -> list[str]:
     sizes = []
     for kind in protocol.Down:
         frame_bytes = protocol.CONTROL_OVERHEAD + protocol.DOWN_PAYLOAD_BYTES[kind]
@@ -321,8 +412,7 @@ def _constants(
     app_data_lines = []
     if pipe is Pipe.APP_DATA:
         app_data_lines.append(f"SLOT_BYTES = {protocol.APP_DATA_BYTES}  # of AppData")
-    latest = "at the latest" if until_done else "in any case"
-    lines = [
+    return [
         (
             "# The wire, from the same definitions as on the host's side. Kinds of frames "
             "are ASCII letters."
@@ -331,15 +421,28 @@ def _constants(
         f"CRC_POLYNOMIAL = 0x{protocol.CRC_POLYNOMIAL:X}",
         *(f"{kind.name} = {kind.value}  # '{chr(kind.value)}'" for kind in protocol.Down),
         *(f"{reason.name} = {reason.value}" for reason in protocol.ByeReason),
-        f'ACTION_FORMAT = "{wire.action_format}"',
-        f'ANSWER_FORMAT = "{wire.answer_format}"',
-        f"COMMAND_BYTES = {wire.down_frame_bytes}  # length of a frame with actions",
+        f'ANSWER_FORMAT = "{answer_format}"',
+        f"COMMAND_BYTES = {down_frame_bytes}  # length of a data frame from the host",
         f"CONTROL_BYTES = {{{', '.join(sizes)}}}",
         f"PIECE_BYTES = {protocol.NOTIFICATION_BYTES}  # what fits one notification",
         f"HELLO_HEAD = bytes([MAGIC, 0, {protocol.Up.HELLO.value}, {protocol.PROTOCOL_VERSION}])",
         f"BYE_HEAD = bytes([MAGIC, 0, {protocol.Up.BYE.value}])",
         *app_data_lines,
         _hash_line(bytes(4)),
+    ]
+
+
+def _constants(
+    robot: Robot,
+    interface: Interface,
+    pipe: Pipe,
+) -> str:
+    wire = protocol.WireFormat(interface, robot)
+    until_done = interface.settle.fixed_ms is None
+    latest = "at the latest" if until_done else "in any case"
+    lines = [
+        *_wire_constants(wire.answer_format, wire.down_frame_bytes, pipe),
+        f'ACTION_FORMAT = "{wire.action_format}"',
         "",
         f"UNTIL_DONE = {until_done}  # answer when all moves have ended",
         f"SETTLE_MS = {interface.settle.longest_ms}  # answer after this time {latest}",
@@ -512,6 +615,22 @@ def _observe(interface: Interface, observed: Sequence[int]) -> str:
 def _wire(channel: Channel, robot: Robot) -> str:
     """Function that makes a channel's wire value: no robot ever counts beyond 32 bits."""
     return "round" if channel.is_wide(robot) else "wire"
+
+
+def _packed(robot: Robot, interface: Interface) -> str:
+    lines = [
+        "def packed(time_ms, observed):",
+        '    """An answer: the clock, and what was observed, each number times its scale."""',
+        "    return ustruct.pack(",
+        "        ANSWER_FORMAT,",
+        "        time_ms,",
+        *(
+            f"        {_wire(channel, robot)}(observed[{index}] * {channel.scale}),"
+            for index, channel in enumerate(interface.channels)
+        ),
+        "    )",
+    ]
+    return "\n".join(lines) + "\n"
 
 
 def _read_channels(robot: Robot, interface: Interface) -> str:

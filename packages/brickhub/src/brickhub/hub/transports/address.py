@@ -17,7 +17,7 @@ _REAL = ("ble", "usb")
 _CHOICES = (
     "'virtual', 'ble' or 'usb'; 'ble:NAME', 'ble:ADDRESS' or 'usb:PORT' where there are several"
 )
-# Bluetooth device address, or the identifier that macOS uses instead.
+# macOS hides Bluetooth addresses and gives an identifier of its own instead.
 _BLE_ADDRESS = re.compile(
     r"([0-9A-F]{2}:){5}[0-9A-F]{2}|[0-9A-F]{8}(-[0-9A-F]{4}){3}-[0-9A-F]{12}", re.IGNORECASE
 )

@@ -233,7 +233,7 @@ class HubConnection:
         try:
             async with asyncio.timeout(self._answer_timeout_s):
                 await self._port.close()
-        # - a backend may raise anything; the hub notices by itself
+        # A backend may raise anything here, but the hub notices the end by itself.
         except Exception as error:  # noqa: BLE001
             _log.debug("disconnecting from the hub: %s", error)
 

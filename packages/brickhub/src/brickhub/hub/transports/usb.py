@@ -16,6 +16,7 @@ for none), ``2 event`` an event, ``3 service u16 value`` a characteristic. Sourc
 import asyncio
 import contextlib
 import errno
+import os
 import struct
 import threading
 from collections.abc import Callable, Iterator
@@ -426,7 +427,8 @@ def _serial_errors(operation: str) -> Iterator[None]:
         yield
     # OSError covers serial.SerialException, which is one.
     except OSError as error:
-        why = errors.message_of(error)
+        # Of an error of the system pyserial's text has its number twice, and Python's own words.
+        why = errors.message_of(error) if error.errno is None else os.strerror(error.errno)
         if error.errno in (errno.EACCES, errno.EPERM):
             remedy = "allow it: on Linux, join the group dialout and log in again"
             raise errors.UsbUnavailableError(

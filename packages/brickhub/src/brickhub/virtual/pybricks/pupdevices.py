@@ -389,9 +389,8 @@ class Motor(_BaseMotor):
     def done(self) -> bool:
         return self._servo.is_done()
 
-    # ---- commands that do not wait
-
-    # The command comes before the cancel: a refused one leaves the awaited move alone.
+    # In these methods the command comes before the cancel, because a refused one must leave the
+    # awaited move alone.
 
     def hold(self) -> None:
         self._servo.stop(OnCompletion.HOLD)

@@ -15,8 +15,9 @@ from torchrl.modules.models import ACTModel
 from torchrl.objectives import ACTLoss, LossModule
 
 from bricksrl.agents.encoder import encode, encoder_keys, make_encoder
-from bricksrl.agents.learner import Learner, adam
+from bricksrl.agents.gradient_descent import GradientDescent, adam
 from bricksrl.agents.networks import action_size
+from bricksrl.agents.offline.imitation import ImitationLearner
 from bricksrl.agents.settings import (
     IMAGES,
     PAPER,
@@ -112,17 +113,21 @@ def chunk_learner(
     policy: ChunkPolicy,
     loss: LossModule,
     settings: ChunkSettings,
-    **options: Any,
-) -> Learner:
-    """The learner of a chunk policy: imitates a dataset, acts without dropout."""
-    optimizer = adam(loss.parameters(), settings, settings.weight_decay)
-    options |= {"updates_per_step": settings.updates_per_step, "chunk": settings.chunk}
-    return Learner(
-        policy,
+    minimised: tuple[str, ...] | None = None,
+) -> ImitationLearner:
+    """The learner of a chunk policy: imitates a dataset, acts without dropout. ``minimised``: of
+    `GradientDescent`."""
+    descent = GradientDescent(
         loss,
-        optimizer,
-        imitates=True,
-        **options,
+        adam(loss.parameters(), settings, settings.weight_decay),
+        minimised=minimised,
+    )
+    return ImitationLearner(
+        policy,
+        descent,
+        settings.batch_size,
+        settings.updates_per_step,
+        settings.chunk,
     )
 
 
@@ -222,7 +227,7 @@ def build(
     env: EnvBase,
     settings: ACTSettings,
     device: torch.device | str = "cpu",
-) -> Learner:
+) -> ImitationLearner:
     """ACT for an environment. Initialized from torch's global generator."""
     encoder = make_encoder(env, settings)
     model = ACTModel(
@@ -247,5 +252,5 @@ def build(
         policy,
         loss,
         settings,
-        descend=("loss_act",),
+        minimised=("loss_act",),
     )

@@ -22,7 +22,8 @@ from torchrl.envs import EnvBase
 
 from bricksrl.agents import sac
 from bricksrl.agents.actor_critic import Batch, Critics
-from bricksrl.agents.learner import Learner
+from bricksrl.agents.anchor import CountedUpdates
+from bricksrl.agents.replay.learner import ReplayLearner
 from bricksrl.agents.sac import SACLoss, SACSettings, location_and_scale
 from bricksrl.agents.settings import (
     IMAGES_TARGETS,
@@ -32,7 +33,6 @@ from bricksrl.agents.settings import (
     Presets,
     Range,
 )
-from bricksrl.agents.teachers import CountedUpdates
 
 MAX_FACTOR = 1e6
 """Maximum learned factor; source: the authors' code."""
@@ -234,6 +234,6 @@ def build(
     env: EnvBase,
     settings: CQLSettings,
     device: torch.device | str = "cpu",
-) -> Learner:
+) -> ReplayLearner:
     """CQL for an environment. Initialized from torch's global generator."""
     return sac.build(env, settings, device, CQLLoss)

@@ -13,9 +13,9 @@ from torchrl.modules import DiffusionActor
 from torchrl.objectives import DiffusionBCLoss
 
 from bricksrl.agents.encoder import encode, make_encoder
-from bricksrl.agents.learner import Learner
 from bricksrl.agents.networks import action_size, make_body
 from bricksrl.agents.offline.act import ChunkPolicy, ChunkSettings, chunk_learner
+from bricksrl.agents.offline.imitation import ImitationLearner
 from bricksrl.agents.settings import IMAGES, PAPER, NotNegative, Presets, Range
 
 
@@ -64,7 +64,7 @@ def build(
     env: EnvBase,
     settings: DiffusionSettings,
     device: torch.device | str = "cpu",
-) -> Learner:
+) -> ImitationLearner:
     """The diffusion policy for an environment. Initialized from torch's global generator."""
     encoder = make_encoder(env, settings)
     m = action_size(env)

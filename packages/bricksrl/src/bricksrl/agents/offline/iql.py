@@ -13,9 +13,9 @@ from torchrl.modules import IndependentNormal, ProbabilisticActor
 from torchrl.objectives import IQLLoss, SoftUpdate
 
 from bricksrl.agents.encoder import encoder_keys, make_encoder
-from bricksrl.agents.learner import Learner, off_policy_learner
 from bricksrl.agents.networks import Actor, action_size, action_spec, make_body
 from bricksrl.agents.operators import critic_operator, value_operator
+from bricksrl.agents.replay.learner import ReplayLearner, off_policy_learner
 from bricksrl.agents.settings import (
     IMAGES_TARGETS,
     PAPER_TARGETS,
@@ -75,7 +75,7 @@ def build(
     env: EnvBase,
     settings: IQLSettings,
     device: torch.device | str = "cpu",
-) -> Learner:
+) -> ReplayLearner:
     """IQL for an environment. Initialized from torch's global generator."""
     m = action_size(env)
     encoder = make_encoder(env, settings)

@@ -8,9 +8,9 @@ from torchrl.envs import EnvBase
 from torchrl.objectives import SoftUpdate, TD3BCLoss
 
 from bricksrl.agents.encoder import make_encoder
-from bricksrl.agents.learner import Learner, off_policy_learner
 from bricksrl.agents.networks import action_size, action_spec, deterministic_policy, make_body
 from bricksrl.agents.operators import critic_operator
+from bricksrl.agents.replay.learner import ReplayLearner, off_policy_learner
 from bricksrl.agents.settings import (
     IMAGES_TARGETS,
     PAPER_TARGETS,
@@ -48,7 +48,7 @@ def build(
     env: EnvBase,
     settings: TD3BCSettings,
     device: torch.device | str = "cpu",
-) -> Learner:
+) -> ReplayLearner:
     """TD3+BC for an environment. Initialized from torch's global generator."""
     m = action_size(env)
     encoder = make_encoder(env, settings)

@@ -13,7 +13,8 @@ from dataclasses import dataclass
 from torchrl.envs import EnvBase
 from torchrl.objectives import DDPGLoss, SoftUpdate
 
-from bricksrl.agents import encoder, learner, networks, operators, settings
+from bricksrl.agents import encoder, networks, operators, settings
+from bricksrl.agents.replay.learner import ReplayLearner, off_policy_learner
 
 
 # What can be set: `bricksrl settings my_file.py` shows it. Learning rate, layers, batch size and so
@@ -26,7 +27,7 @@ class Settings(settings.OffPolicySettings):
     """Standard deviation of the noise on the actions while exploring."""
 
 
-def build(env: EnvBase, settings: Settings, device: str = "cpu") -> learner.Learner:
+def build(env: EnvBase, settings: Settings, device: str = "cpu") -> ReplayLearner:
     """The algorithm in an environment: networks, loss, optimiser, replay buffer."""
     # Networks: features of the observation, the actor, and a critic of observation and action.
     features = encoder.make_encoder(env, settings)
@@ -46,4 +47,4 @@ def build(env: EnvBase, settings: Settings, device: str = "cpu") -> learner.Lear
 
     # All parts together, with Adam and a replay buffer; the training loop collects steps, remembers
     # them and learns from batches.
-    return learner.off_policy_learner(env, settings, policy.to(device), loss, target)
+    return off_policy_learner(env, settings, policy.to(device), loss, target)

@@ -160,7 +160,8 @@ def flee(observation: Tensor) -> Tensor:
     runner = _for_each_direction(start)
     catcher = _for_each_direction(start + offset)
     alignment = torch.stack((cos, sin), -1) @ directions.T
-    turn_steps = alignment.clamp(-1.0, 1.0).arccos() / _TURN_RAD  # steps until it faces that way
+    # The runner first needs this many steps to face each way.
+    turn_steps = alignment.clamp(-1.0, 1.0).arccos() / _TURN_RAD
     free = torch.ones_like(turn_steps)
     score = torch.zeros_like(turn_steps)
     for step in range(1, _LOOK_STEPS + 1):

@@ -27,7 +27,17 @@ _RADIUS_PX = 163.0
 _RADIUS_PX_PER_DEG = 0.8
 """Its change as the high joint turns."""
 _LONGEST_TURN_DEG = 100.0
-"""Turn of a leg in a step of Walker-v0 with the action -1."""
+"""Turn of a leg in a step of Walker-v0 with the action -1; with the action 1 it stands."""
+_DEG_PER_ACTION = 50.0
+"""Turn of such a leg for each 1 of the action below 1."""
+_ACTION_OF_REWARD = 40.0
+"""Sum of the legs' actions that costs Walker-v0 a reward of 1."""
+_PARKED_MM = 8.0
+"""Distance within which a parking robot is in the bay."""
+_FULL_SPEED_MM = 100.0
+"""Distance from which on it drives at full speed."""
+_FULL_RATE_DEG = 60.0
+"""Turn that it asks for with the action 1."""
 
 
 def _signed_deg(angle_deg: Any) -> Any:
@@ -49,12 +59,14 @@ def spin(state: Mapping[str, Any]) -> Any:
 def trot(state: Mapping[str, Any]) -> Any:
     """All legs forward, those behind their phase faster: walks, and synchronises the legs."""
     legs_deg = state["observation"][:4]
-    phase = np.radians(legs_deg - TROT_DEG)
+    phase_rad = np.radians(legs_deg - TROT_DEG)
     # The mean of angles is that of their directions: a plain mean jumps where one runs around.
-    mean = math.atan2(np.sin(phase).mean(), np.cos(phase).mean())
-    lead = np.radians(_signed_deg(np.degrees(phase - mean)))
+    mean_sine = np.sin(phase_rad).mean()
+    mean_cosine = np.cos(phase_rad).mean()
+    mean_rad = math.atan2(mean_sine, mean_cosine)
+    lead_deg = _signed_deg(np.degrees(phase_rad - mean_rad))
     # At full speed a leg that is behind could not catch up.
-    action = -0.8 - 1.2 * lead
+    action = -0.8 - 1.2 * np.radians(lead_deg)
     return action.clip(-1.0, 1.0)
 
 
@@ -62,20 +74,23 @@ def into_step(state: Mapping[str, Any]) -> Any:
     """Action towards the trot phase with the best reward of this step, less a cost of the remaining
     turns."""
     legs_deg = state["observation"][:4]
-    # One row for each trot phase that could be the next one.
-    targets_deg = np.arange(0.0, 360.0, 4.0)[:, None] + TROT_DEG  # [90, 4]
+    # One row for each trot phase that could be the next one, a column for each leg: [90, 4].
+    phases_deg = np.arange(0.0, 360.0, 4.0)
+    targets_deg = phases_deg[:, None] + TROT_DEG
     remaining_deg = (legs_deg - targets_deg) % 360.0  # legs turn backwards only
     turns_deg = remaining_deg.clip(None, _LONGEST_TURN_DEG)
     after_deg = (legs_deg - turns_deg) % 360.0
-    left_front, right_front, left_back, right_back = after_deg.T
+    left_front, right_front, left_back, right_back = after_deg.T  # [90] each
     # In a trot the legs of an axle are half a turn apart, diagonal ones together.
     apart_deg = _apart_deg(left_front, right_front) + _apart_deg(left_back, right_back)
     together_deg = _apart_deg(left_front, right_back) + _apart_deg(right_front, left_back)
-    action = 1.0 - turns_deg / 50.0
-    reward = (apart_deg - together_deg) / 180.0 - action.sum(-1) / 40.0
-    still_to_turn = (remaining_deg - turns_deg).sum(-1) / 180.0
-    score = reward - still_to_turn
-    return action[score.argmax()]
+    actions = 1.0 - turns_deg / _DEG_PER_ACTION
+    gait = (apart_deg - together_deg) / 180.0
+    cost = actions.sum(-1) / _ACTION_OF_REWARD
+    # What is left after this step costs later ones.
+    left_deg = (remaining_deg - turns_deg).sum(-1)
+    score = gait - cost - left_deg / 180.0  # [90]
+    return actions[score.argmax()]
 
 
 def _apart_deg(first_deg: Any, second_deg: Any) -> Any:
@@ -131,14 +146,17 @@ def park(state: Mapping[str, Any]) -> Any:
     heading_error_deg = _signed_deg(arc_deg - turn_deg)
     # Slower where it is near, and not at all while it points across the arc.
     along = max(math.cos(math.radians(heading_error_deg)), 0.0)
-    speed = min(distance_mm, 100.0) * along
-    if distance_mm < 8.0:  # in the bay only the heading is left to correct
-        speed = 0.0
-        rate = 2.0 * turn_deg
+    speed_mm = min(distance_mm, _FULL_SPEED_MM) * along
+    if distance_mm < _PARKED_MM:  # only the heading is left to correct
+        speed_mm = 0.0
+        rate_deg = 2.0 * turn_deg
     else:
-        arc_rate = 2.0 * speed * math.sin(math.radians(turn_deg) / 2) / distance_mm
-        rate = 2.5 * heading_error_deg + math.degrees(arc_rate)
-    action = np.array([math.copysign(speed, ahead_mm) / 100.0, rate / 60.0])
+        # what the arc itself turns, in the time of its way, and what corrects the heading on it
+        half_turn = math.sin(math.radians(turn_deg) / 2)
+        arc_rate_rad = 2.0 * speed_mm * half_turn / distance_mm
+        rate_deg = 2.5 * heading_error_deg + math.degrees(arc_rate_rad)
+    speed = math.copysign(speed_mm, ahead_mm) / _FULL_SPEED_MM
+    action = np.array([speed, rate_deg / _FULL_RATE_DEG])
     return action.clip(-1.0, 1.0)
 
 

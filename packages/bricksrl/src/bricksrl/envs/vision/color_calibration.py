@@ -57,8 +57,9 @@ def calibrate_red(frame: Frame, at: Place | None = None) -> FoundRed:
         frame: uint8 ``[height, width, 3]``.
         at: a point of the object; by default it is the largest of the most strongly red regions.
     """
-    hue_deg, saturation, value = _colours(frame)
-    chroma = np.where(np.abs(hue_deg) <= _AROUND_RED_DEG, saturation * value, 0.0)
+    hue_deg, saturation, value = _colours(frame)  # [height, width] each
+    is_around_red = np.abs(hue_deg) <= _AROUND_RED_DEG
+    chroma = np.where(is_around_red, saturation * value, 0.0)
     seed = _most_vivid(chroma) if at is None else _around(frame, at)
     if seed.sum() < _LEAST_PX or np.median(chroma[seed]) < _LEAST_CHROMA:
         place = "the frame" if at is None else f"the frame at {at[0]}, {at[1]}"
@@ -70,10 +71,11 @@ def calibrate_red(frame: Frame, at: Place | None = None) -> FoundRed:
     seed_hue_deg = float(np.median(hue_deg[seed]))
     seed_saturation = float(np.median(saturation[seed]))
     seed_value = float(np.median(value[seed]))
-    similar = (chroma > 0) & (np.abs(hue_deg - seed_hue_deg) <= _UNLIKE_HUE_DEG)
-    similar &= saturation >= _LEAST_SATURATION_RATIO * seed_saturation
-    similar &= value >= _LEAST_VALUE_RATIO * seed_value
-    mask = _region(similar, seed)  # around a point near its edge, the object's colours only
+    is_alike = chroma > 0
+    is_alike &= np.abs(hue_deg - seed_hue_deg) <= _UNLIKE_HUE_DEG
+    is_alike &= saturation >= _LEAST_SATURATION_RATIO * seed_saturation
+    is_alike &= value >= _LEAST_VALUE_RATIO * seed_value
+    mask = _region(is_alike, seed)  # around a point near its edge, the object's colours only
     if mask.sum() <= RedWindow.area_px:
         raise CameraError(
             f"the red thing has only {mask.sum()} px; bring it nearer to the camera, or name a "
@@ -111,11 +113,11 @@ def _window_of(
     low_deg, high_deg = np.percentile(hue_deg, (1, 99)).tolist()
     least_saturation = float(np.percentile(saturation, 2))
     least_value = float(np.percentile(value, 2))
+    # Beyond these hues another channel than red is the strongest.
+    lowest_deg = max(low_deg - _MARGIN_DEG, -_AROUND_RED_DEG)
+    highest_deg = min(high_deg + _MARGIN_DEG, _AROUND_RED_DEG)
     return RedWindow(
-        hue_deg=(
-            round(max(low_deg - _MARGIN_DEG, -_AROUND_RED_DEG), 1),
-            round(min(high_deg + _MARGIN_DEG, _AROUND_RED_DEG), 1),
-        ),
+        hue_deg=(round(lowest_deg, 1), round(highest_deg, 1)),
         saturation=round(_MARGIN * least_saturation, 3),
         value=round(_MARGIN * least_value, 3),
     )
@@ -124,7 +126,8 @@ def _window_of(
 def _colours(frame: Frame) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Hue (-60..60 degrees where red is the strongest, else 180), saturation and value (0..1);
     ``[height, width]`` each."""
-    red, green, blue = np.moveaxis(frame.astype(np.float64) / 255, -1, 0)
+    shares = frame.astype(np.float64) / 255  # [height, width, 3]
+    red, green, blue = np.moveaxis(shares, -1, 0)
     value = frame.max(-1) / 255
     least = frame.min(-1) / 255
     chroma = value - least
@@ -132,8 +135,11 @@ def _colours(frame: Frame) -> tuple[NDArray[np.float64], NDArray[np.float64], ND
     safe_chroma = np.where(chroma > 0, chroma, 1.0)
     safe_value = np.where(value > 0, value, 1.0)
     is_reddish = (red == value) & (chroma > 0)
-    hue_deg = np.where(is_reddish, 60.0 * (green - blue) / safe_chroma, 180.0)
-    return hue_deg, chroma / safe_value, value
+    # The hue of HSV where red is the strongest channel.
+    red_hue_deg = 60.0 * (green - blue) / safe_chroma
+    hue_deg = np.where(is_reddish, red_hue_deg, 180.0)
+    saturation = chroma / safe_value
+    return hue_deg, saturation, value
 
 
 def _region(mask: NDArray[np.bool_], seed: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -141,11 +147,14 @@ def _region(mask: NDArray[np.bool_], seed: NDArray[np.bool_]) -> NDArray[np.bool
     from scipy import ndimage
 
     neighbours = np.ones((3, 3))  # pixels that touch at a corner belong together
-    labels, _ = ndimage.label(mask, neighbours)
+    labels, _ = ndimage.label(mask, neighbours)  # [height, width], 0 outside of the mask
+    # Pixels of the seed in each component; two entries at least, so that 0 can be left out.
     counts = np.bincount(labels[seed & mask], minlength=2)
-    counts[0] = 0  # the label of what is not in the mask
+    counts[0] = 0
+    if not counts.any():
+        return np.zeros_like(mask)
     region: NDArray[np.bool_] = labels == int(counts.argmax())
-    return region if counts.any() else np.zeros_like(mask)
+    return region
 
 
 def spanning(windows: list[RedWindow]) -> RedWindow:
@@ -162,15 +171,19 @@ def picture(frame: Frame, found: FoundRed) -> Frame:
     width, 3]``."""
     from scipy import ndimage
 
-    window = found.window
-    hue_deg, saturation, value = _colours(frame)
-    inside = (hue_deg >= window.hue_deg[0]) & (hue_deg <= window.hue_deg[1])
-    inside &= (saturation >= window.saturation) & (value >= window.value)
     outlined = frame.copy()
     wider = ndimage.binary_dilation(found.mask, iterations=2)
-    outlined[wider & ~found.mask] = (0, 255, 0)
+    outline = wider & ~found.mask
+    outlined[outline] = (0, 255, 0)
+
+    window = found.window
+    low_deg, high_deg = window.hue_deg
+    hue_deg, saturation, value = _colours(frame)
+    is_inside = (hue_deg >= low_deg) & (hue_deg <= high_deg)
+    is_inside &= saturation >= window.saturation
+    is_inside &= value >= window.value
     dimmed = frame // 5
-    dimmed[inside] = frame[inside]
+    dimmed[is_inside] = frame[is_inside]
     return np.hstack((outlined, dimmed))
 
 

@@ -72,14 +72,18 @@ def _red_pixels(frame: Frame, window: RedWindow) -> NDArray[Any]:
     # Hue is computed only for the few pixels that are mostly red. For this, each value of the flat
     # array is compared with the two that follow it: memory is passed through in order, and every
     # third result belongs to a red channel.
-    flat = np.ascontiguousarray(frame).reshape(-1)
+    flat = np.ascontiguousarray(frame).reshape(-1)  # [height * width * 3]
     value = flat[:-2]
-    strong = value > flat[1:-1]
-    strong &= value > flat[2:]
-    strong &= value >= math.ceil(255 * window.value)
-    pixels = np.flatnonzero(strong[::3])
+    next_value = flat[1:-1]
+    second_next_value = flat[2:]
+    least_value = math.ceil(255 * window.value)
+    is_strong = value > next_value
+    is_strong &= value > second_next_value
+    is_strong &= value >= least_value
+    is_strong_red = is_strong[::3]
+    pixels = np.flatnonzero(is_strong_red)
     colours = flat.reshape(-1, 3)[pixels]  # [pixels, 3]
-    red, green, blue = colours.astype(np.float32).T
+    red, green, blue = colours.astype(np.float32).T  # [pixels] each
     # Hue and saturation of HSV where red is the strongest channel, so that the value is red.
     chroma = red - np.minimum(green, blue)
     hue_deg = 60.0 * (green - blue) / chroma
@@ -108,15 +112,22 @@ def _middles_of_objects(
     mask = np.zeros((height, width), bool)
     mask[rows - top, columns - left] = True
     neighbours = np.ones((3, 3))  # pixels that touch at a corner belong together
-    labels, _ = ndimage.label(mask, neighbours)
-    areas = np.bincount(labels[mask])
+    labels, _ = ndimage.label(mask, neighbours)  # [height, width], from 1 on; 0 is no object
+    areas_px = np.bincount(labels[mask])  # by label
+    boxes = ndimage.find_objects(labels)
     middles = []
-    for label, (down, right) in enumerate(ndimage.find_objects(labels), 1):
-        if areas[label] > area_px:
-            x = left + (right.start + right.stop - 1) / 2
-            y = top + (down.start + down.stop - 1) / 2
+    for label, (box_rows, box_columns) in enumerate(boxes, 1):
+        if areas_px[label] > area_px:
+            x = left + _middle(box_columns)
+            y = top + _middle(box_rows)
             middles.append([x, y])
+    # also without any, two columns
     return np.array(middles).reshape(-1, 2)
+
+
+def _middle(places: slice) -> float:
+    """The middle of the first and the last place."""
+    return float((places.start + places.stop - 1) / 2)
 
 
 def distances_px(centres: NDArray[np.float64], goal: Place) -> NDArray[np.float64]:
@@ -138,14 +149,15 @@ def shrink(
         draw_disc(canvas, *disc)
     # Rows first, then columns, each as a matrix product. The sums of integers are exact in single
     # precision; those of sums need double.
-    flat = _downsample(canvas, side_px)  # [side, width, 3]
-    columns = flat.swapaxes(0, 1).astype(float, order="C")  # [width, side, 3]
-    sums = _downsample(columns, side_px).swapaxes(0, 1)  # [side, side, 3]
+    row_sums = _downsample(canvas, side_px)  # [side, width, 3]
+    columns = row_sums.swapaxes(0, 1).astype(float, order="C")  # [width, side, 3]
+    column_sums = _downsample(columns, side_px)  # [side, side, 3], columns first
+    sums = column_sums.swapaxes(0, 1)
     height, width = frame.shape[:2]
     row_weights = height // math.gcd(side_px, height)
     column_weights = width // math.gcd(side_px, width)
-    weights = row_weights * column_weights
-    image: Frame = np.rint(sums / weights).astype(np.uint8)
+    means = sums / (row_weights * column_weights)
+    image: Frame = np.rint(means).astype(np.uint8)
     return image
 
 
@@ -153,11 +165,13 @@ def _downsample(canvas: NDArray[Any], new_size: int) -> NDArray[Any]:
     """Rows ``[old_size, ...]`` to ``[new_size, ...]``: sums, each of ``old_size / gcd`` weights of
     a row."""
     old_size, *rest = canvas.shape
-    blocks = math.gcd(new_size, old_size)  # no new row spans two blocks
+    # No new row spans two blocks: the same small matrix serves for each of them.
+    blocks = math.gcd(new_size, old_size)
     new_rows = new_size // blocks
     old_rows = old_size // blocks
-    weights = _overlap(new_rows, old_rows)
-    sums: NDArray[Any] = weights @ canvas.reshape(blocks, old_rows, -1)
+    weights = _overlap(new_rows, old_rows)  # [new_rows, old_rows]
+    by_block = canvas.reshape(blocks, old_rows, -1)
+    sums: NDArray[Any] = weights @ by_block  # [blocks, new_rows, ...]
     return sums.reshape(new_size, *rest)
 
 
@@ -165,9 +179,10 @@ def _downsample(canvas: NDArray[Any], new_size: int) -> NDArray[Any]:
 def _overlap(new_size: int, old_size: int) -> NDArray[np.float32]:
     """Overlap of each of ``new_size`` equal parts with ``old_size`` rows, in ``1 / new_size`` rows;
     ``[new_size, old_size]``."""
-    edges = np.arange(new_size + 1)[:, None] * old_size
-    starts = np.arange(old_size) * new_size
-    # part of each row before each edge
+    # In units that divide both: a part is ``old_size`` of them, a row ``new_size``.
+    edges = np.arange(new_size + 1)[:, None] * old_size  # of the parts
+    starts = np.arange(old_size) * new_size  # of the rows
+    # What of each row lies before each edge: [new_size + 1, old_size]
     covered = np.clip(edges - starts, 0, new_size)
     share: NDArray[np.float32] = np.diff(covered, axis=0).astype(np.float32)
     return share

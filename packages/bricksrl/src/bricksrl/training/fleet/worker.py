@@ -95,7 +95,8 @@ class Worker:
             # The run, its process, or the robot was ended by its user, so nothing has failed.
             pass
         except Exception as error:  # noqa: BLE001  raised in the run's process
-            # - whose traceback would not show where the user's code failed, so its line goes along
+            # The traceback of another process would not show where the user's code failed, so its
+            # line goes along.
             reason = message_of(error, 500) + line_of_user(error)
             # The fleet may be gone in the meantime.
             with contextlib.suppress(BrokenPipeError):

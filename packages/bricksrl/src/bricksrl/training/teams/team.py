@@ -4,13 +4,14 @@ import threading
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import torch
 from tensordict.nn import TensorDictModuleBase
 from torchrl.envs import EnvBase
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 
+from brickhub.fields import Range, check_fields
 from brickhub.seed import check_seed, derive_seed, episode_seed
 from bricksrl.envs.arenas import make_arena
 from bricksrl.envs.env_interface import interface_of
@@ -21,6 +22,8 @@ from bricksrl.training.reproducible import reproducible
 from bricksrl.training.sources import collect_round
 from bricksrl.training.teams.groups import GroupLearner, TeamSettings, make_group, team_policy
 
+MAX_FRAMES = 10**9
+"""Maximum number of steps of a training, which take days."""
 MAX_COPIES = 2**16
 """Maximum number of copies of a simulation."""
 
@@ -42,16 +45,15 @@ class TeamConfig:
     env: str
     agents: Mapping[str, str]
     scripts: Mapping[str, str] = field(default_factory=dict)
-    frames: int = 500_000
-    copies: int = 256
+    frames: Annotated[int, Range(1, MAX_FRAMES)] = 500_000
+    copies: Annotated[int, Range(0, MAX_COPIES)] = 256
     seed: int = 0
 
     def __post_init__(self) -> None:
         check_seed(self.seed)
-        if not self.agents or self.frames < 1 or not 0 <= self.copies <= MAX_COPIES:
-            raise RunError(
-                f"a team needs a learning group, 1 frame or more, and 0 to {MAX_COPIES:,} copies"
-            )
+        check_fields(type(self), vars(self))
+        if not self.agents:
+            raise RunError("a team learns nothing without a learning group; name one in agents")
 
 
 @dataclass(frozen=True)

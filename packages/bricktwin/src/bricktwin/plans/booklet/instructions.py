@@ -151,7 +151,7 @@ class _Author:
         before = after - {part for move in moves for part in move.parts}
         note = step.note
         for few in self._split(moves, len(step.assembly), before):
-            # The note of a step stands on the first of its pages.
+            # The note of a step is needed only once, so it stands on the first of its pages.
             for instruction in self._shown(
                 few,
                 frozenset(before),

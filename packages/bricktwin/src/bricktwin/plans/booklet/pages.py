@@ -480,7 +480,8 @@ def _inset(
     scene: Scene,
     floor: float,
 ) -> None:
-    """A small picture of what the large one hides, in a box at the lower right, above ``floor``."""
+    """Draw a small picture of the parts that the large one hides, in a box at the lower right,
+    above ``floor``."""
     width, height = (side / DPI for side in picture.size)
     left = _WIDTH - 0.45 - width
     bottom = floor + 0.15

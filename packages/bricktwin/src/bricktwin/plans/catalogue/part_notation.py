@@ -105,7 +105,7 @@ def sites(text: str, *, turns: bool = False) -> tuple[Site, ...]:
         head, _, centres = group.partition(":")
         fit, along, *tilt = head.split()
         axis, length = _axis(along)
-        # After the word `tilted`.
+        # The word `tilted` is followed by an angle, and without it there is none.
         tilt_deg = float(tilt[1]) if tilt else 0.0
         tilted_axis = _tilted(axis, tilt_deg)
         for centre in points(centres):

@@ -420,7 +420,7 @@ def _rod(
     number: int,
     body_of: dict[int, int],
 ) -> Rod:
-    """A link as a rod; two pins are moved to the plane of the first one."""
+    """A link as a rod. Of two pins, the second is moved into the plane of the first one."""
     near = first.parent if first.child == number else first.child
     far = second.parent if second.child == number else second.child
     shift = 0.0

@@ -137,7 +137,8 @@ def mechanism(plan: Plan, bodies: Bodies) -> Mechanism:
         # number.
         rates = np.stack([joint.rates(motions, hinge.parent) for joint, hinge in ordered])
         shaft_rates = np.stack([joint.rates(motions) for joint in motors])
-        ratios += np.round(rates @ np.linalg.pinv(shaft_rates), 6)
+        solved = rates @ np.linalg.pinv(shaft_rates)  # [hinges, motors]
+        ratios += np.round(solved, 6)
     # A part that is not connected to the heaviest body has no link.
     connected = [placed for placed in plan.parts if placed.index in link_of]
     wheels = []
@@ -210,7 +211,7 @@ def _hinges(plan: Plan, bodies: Bodies) -> list[tuple[BodyJoint, Hinge]]:
 
 
 def _is_same_axis(joint: BodyJoint, other: BodyJoint) -> bool:
-    """Whether two joints between the same two bodies are one hinge; a ball joint is none."""
+    """Whether two joints between the same two bodies are one hinge. A ball joint never is."""
     if joint.is_ball or other.is_ball:
         return False
     return lines_coincide(
@@ -250,7 +251,8 @@ def merged(links: list[Link]) -> Link:
     for link in links:
         # The parallel axis theorem (Steiner) moves each inertia to the common centre.
         offset = link.centre_m - centre
-        of_offset = float(offset @ offset) * np.eye(3) - np.outer(offset, offset)
+        squared_distance = float(offset @ offset)
+        of_offset = squared_distance * np.eye(3) - np.outer(offset, offset)
         inertia += link.inertia + link.mass_kg * of_offset
     parts = tuple(part for link in links for part in link.parts)
     return Link(parts, mass, centre, inertia)
@@ -278,7 +280,8 @@ def _unit_inertia(part: Part) -> tuple[Floats, Floats]:
     # The spacing grows with the part, so that a large one does not need millions of points.
     volume = float(np.prod(high - low))
     spacing = max(_SPACING, (volume / _MAX_POINTS) ** (1 / 3))
-    counts = np.clip(np.ceil((high - low) / spacing), 4, 48).astype(int)
+    wanted_counts = np.ceil((high - low) / spacing)
+    counts = np.clip(wanted_counts, 4, 48).astype(int)
     cell = (high - low) / counts
     lines = [
         start + size * (np.arange(count) + 0.5)
@@ -290,10 +293,13 @@ def _unit_inertia(part: Part) -> tuple[Floats, Floats]:
     centre = points.mean(axis=0)
     offset = (points - centre) * M_PER_LDU
     # Each point stands for a small box, whose own inertia must not be lost.
-    of_cell = np.diag((cell * M_PER_LDU) ** 2 / 12)
-    squares = offset.T @ offset / len(points) + of_cell
+    cell_m = cell * M_PER_LDU
+    of_cell = np.diag(cell_m**2 / 12)
+    of_points = offset.T @ offset / len(points)
+    moments = of_points + of_cell  # [3, 3]
     # The inertia follows from the second moments S as trace(S) 1 - S.
-    return centre, np.asarray(np.trace(squares) * np.eye(3) - squares)
+    inertia = np.trace(moments) * np.eye(3) - moments
+    return centre, np.asarray(inertia)
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ right = Motor(Port.A)
 light = ColorSensor(Port.B)
 robot = DriveBase(left, right, wheel_diameter=56, axle_track=130)
 
-# The edge of the line is half bright. The brighter it is, the more the robot turns back to the line.
+# The edge of the line is half bright: the brighter it is, the more the robot turns.
 EDGE = 50
 while True:
     error = light.reflection() - EDGE

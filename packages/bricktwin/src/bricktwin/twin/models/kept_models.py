@@ -38,8 +38,8 @@ def kept_model(
     robots: Sequence[Robot],
     surroundings: object,
 ) -> mujoco.MjModel:
-    """Compiled model, or the equal one of an earlier process. It is not kept if a function of the
-    user makes a robot's model. Raises TwinError if it does not compile.
+    """Compiled model, or the equal one that an earlier process kept. It is not kept if a function
+    of the user makes a robot's model. Raises TwinError if it does not compile.
 
     Args:
         build: makes the model, from these robots and surroundings only.

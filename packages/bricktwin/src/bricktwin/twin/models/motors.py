@@ -138,8 +138,7 @@ def _blocked_ohm(kind: MotorKind) -> float:
     """Resistance of a winding by Pybricks' curve: voltage by current in the state in which a torque
     keeps the speed at 0."""
     model = MOTOR_TYPES[kind].model
-    # Contributions of a current (0.1 mA), a voltage (mV) and a torque (uNm) to the next speed and
-    # current.
+    # A current (0.1 mA), a voltage (mV) and a torque (uNm) contribute to the next step as follows:
     # next speed = a * current + b * voltage + c * torque
     a = PRESCALE_CURRENT / model.speed[1]
     b = PRESCALE_VOLTAGE / model.speed[2]

@@ -282,8 +282,8 @@ class _Builder:
         self._set_inertia(body, 0)
 
     def _add_drive(self, drive: Drive) -> None:
-        """Add what a motor drives: a body on the geared shaft and, with backlash, the driven body
-        on it."""
+        """Add the bodies that a motor drives: one on the geared shaft and, with backlash, the
+        driven one on that."""
         joint = drive.joint
         port = drive.port
         motor = self.motors[port]
