@@ -118,8 +118,9 @@ class Scene:
         """What can be pushed, by its number among the solids."""
         pushable: dict[int, Pushable] = {}
         for number, item in enumerate(self.solids):
-            is_loose = isinstance(item, Block) and item.mass_g is not None
-            if isinstance(item, Ball) or is_loose:
+            if isinstance(item, Ball):
+                pushable[number] = item
+            elif isinstance(item, Block) and item.mass_g is not None:
                 pushable[number] = item
         return pushable
 
