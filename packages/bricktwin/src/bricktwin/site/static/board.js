@@ -1,6 +1,6 @@
 // The hub itself: light, display, buttons and loudspeaker.
 
-const NAMES = { left: "left", center: "center", right: "right", bluetooth: "Bluetooth" };
+const PORTS = "ABCDEF";
 
 export class Board {
   // `hubs`: buttons and display by the class of a hub. `onButton`: called with a message.
@@ -10,6 +10,7 @@ export class Board {
     this.onButton = onButton;
     this.display = element.querySelector(".display");
     this.light = element.querySelector(".light");
+    this.angles = element.querySelector(".angles");
     this.lamps = element.querySelector(".lamps");
     this.pixels = Array.from({ length: 25 }, () => this.display.appendChild(document.createElement("i")));
     this.letter = this.display.appendChild(document.createElement("b"));
@@ -36,6 +37,13 @@ export class Board {
     const isKey = (event) => event.key === " " || event.key === "Enter";
     button.addEventListener("keydown", (event) => isKey(event) && (event.preventDefault(), hold(true)));
     button.addEventListener("keyup", (event) => isKey(event) && hold(false));
+  }
+
+  // Angles of the motors by port, and the heading, deg, of a frame.
+  turn(row) {
+    const motors = [...PORTS].map((port, i) => [port, row[1 + i]]).filter(([, angle]) => !Number.isNaN(angle));
+    const facts = [...motors.map(([port, angle]) => `${port} ${Math.round(angle)}°`), `heading ${Math.round(row[7])}°`];
+    this.angles.textContent = facts.join("   ");
   }
 
   // The kind of hub that a program imports.

@@ -38,15 +38,16 @@ async function begin() {
         : `Python could not start here (${text}). Load the page again, or try another browser: Chrome, Edge, Firefox 114 or Safari 16.4, or newer.`);
     },
   });
-  const robots = await json("robots.json");
+  const [robots, examples] = await Promise.all([json("robots.json"), json("programs.json")]);
   const stage = new Stage({
     robot: byId("robot"), world: byId("world"), view: byId("view"), canvas: byId("scene"), metres: byId("metres"),
     follow: byId("follow"), home: byId("home"), pull: byId("pull"),
   }, { robots, onPull: (message) => hub.send(message), onChoice: chooseRobot });
   // The robot is there first: it is looked at while Python and the editor come.
   const isNew = !programs.current;
-  const shown = stage.choose(programs.robot || robots[0]?.name, programs.world);
-  const [names, devices, examples, { Editor }] = await Promise.all([json("pybricks.json"), json("devices.json"), json("programs.json"), import("./editor.js")]);
+  if (isNew) Object.assign(programs, { robot: examples[0].robot, world: examples[0].world });
+  const shown = stage.choose(programs.robot, programs.world);
+  const [names, devices, { Editor }] = await Promise.all([json("pybricks.json"), json("devices.json"), import("./editor.js")]);
   await shown;
 
   const bench = new Bench(byId("bench"), { devices, onReading: (reading) => hub.send({ kind: "reading", reading }) });
@@ -57,6 +58,7 @@ async function begin() {
     frame(row) {
       bench.turn(row);
       stage.frame(row.subarray(ROW));
+      board.turn(row);
     },
     panel: (panel) => board.show(panel),
     time: showTime,

@@ -1,7 +1,7 @@
 // Player of a run: its record, and the clock by which it is shown. Where there is a way in, the hub waits for this clock; else
 // the run is computed at once, and only shown in time.
 
-const LEAD_MS = 40, MAX_FRAMES = 30000; // ten minutes
+const LEAD_MS = 40, LONGEST_LEAD_MS = 400, MAX_FRAMES = 30000; // ten minutes
 export const FAST = Infinity;
 
 export class Player {
@@ -11,6 +11,7 @@ export class Player {
     this.rate = 1;
     this.isPlaying = true;
     this.clear(8);
+    this.lead_ms = LEAD_MS;
     this.last = performance.now();
     const tick = (now) => {
       this.tick(Math.min(now - this.last, 250));
@@ -76,9 +77,11 @@ export class Player {
       this.clock_ms = this.latest_ms;
       if (this.isRunning) this.on.allow(FAST);
     } else if (this.isPlaying) {
-      // A hub that is slower than the clock is waited for.
-      this.clock_ms = Math.min(this.clock_ms + passed_ms * this.rate, this.latest_ms + (this.isRunning ? LEAD_MS : 0));
-      if (this.isRunning) this.on.allow(Math.round(this.clock_ms + LEAD_MS * Math.max(1, this.rate)));
+      // A hub that is slower than the clock is waited for; it may be ahead by a little more than a picture takes.
+      this.lead_ms += 0.2 * (Math.min(Math.max(LEAD_MS, 1.5 * passed_ms), LONGEST_LEAD_MS) - this.lead_ms);
+      const lead_ms = this.lead_ms * Math.max(1, this.rate);
+      this.clock_ms = Math.min(this.clock_ms + passed_ms * this.rate, this.latest_ms + (this.isRunning ? lead_ms : 0));
+      if (this.isRunning) this.on.allow(Math.round(this.clock_ms + lead_ms));
     }
     this.show(Math.min(this.clock_ms, this.latest_ms));
   }

@@ -66,7 +66,7 @@ export class Stage {
     scene.onPull = (body, point, from, to) => {
       if (body < 0) {
         this.pull.hidden = true;
-        this.onPull({ kind: "release-pull" });
+        this.onPull({ kind: "let go" });
         return;
       }
       const way = [to[0] - from[0], to[1] - from[1]];

@@ -3,19 +3,18 @@
 import io
 import json
 import shutil
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from contextlib import closing, suppress
 from pathlib import Path
-from typing import Any, BinaryIO, TextIO, cast
+from typing import BinaryIO, TextIO, cast
 
 from brickhub.errors import BricksError
 from brickhub.hub.program.program_files import ProgramFiles
-from brickhub.robot import Sense
-from brickhub.virtual.bench_body import FittedBench
 from brickhub.virtual.body import Body
 from brickhub.virtual.machine import Machine, Pace
-from brickhub.virtual.run import Operation, interruptible, run_file, stop_program
+from brickhub.virtual.run import Operation, interruptible, run_file
 from bricktwin.site.tab.page import Page
+from bricktwin.site.tab.person import Person
 from bricktwin.site.tab.recorder import FRAME_MS, Recorder
 
 FOLDER = Path("/programs")
@@ -43,61 +42,32 @@ class _Output:
 
 
 class _TabPace(Pace):
-    """Keeps simulated time to the page's clock, and does what the page asks for meanwhile."""
+    """Keeps simulated time to the page's clock, and lets the person at the page act meanwhile."""
 
     def __init__(
         self,
-        machine: Machine,
         page: Page,
         recorder: Recorder,
+        person: Person,
     ) -> None:
         super().__init__()
-        self._machine = machine
         self._page = page
         self._recorder = recorder
+        self._person = person
 
     def keep(self, time_ms: float) -> None:
+        self._person.act()
         if time_ms % FRAME_MS:
             return
         self._recorder.frame()
-        self._obey()
+        self._person.obey(self._page.take())
         is_posted = False
         while not self._page.may_go_on(int(time_ms)):
             # What has happened so far is to be seen while the hub waits.
             if not is_posted:
                 self._recorder.post()
                 is_posted = True
-            self._obey()
-
-    def _obey(self) -> None:
-        """Do what the page has sent."""
-        sent = self._page.take()
-        if sent:
-            for message in json.loads(sent):
-                obey(message, self._machine)
-
-
-def obey(message: Mapping[str, Any], machine: Machine) -> None:
-    """Do what a message says: a reading, a button, the stop of the program."""
-    match message["kind"]:
-        case "reading":
-            set_readings([message["reading"]], machine)
-        case "press":
-            machine.panel.hold(message["button"])
-        case "release":
-            machine.panel.release(message["button"])
-        case "stop":
-            stop_program()
-
-
-def set_readings(readings: Iterable[tuple[str, str, Any]], machine: Machine) -> None:
-    """Let sensors of a bench sense what is given by port and sense."""
-    bench = machine.body
-    if not isinstance(bench, FittedBench):
-        return
-    for port, sense, value in readings:
-        stimulus = tuple(value) if isinstance(value, list) else float(value)
-        bench.set_reading(port, Sense(sense), stimulus)
+            self._person.obey(self._page.take())
 
 
 def run_in_tab(
@@ -121,8 +91,9 @@ def run_in_tab(
 
     def attend(machine: Machine) -> None:
         machine.panel.is_watched = True
-        machine.pace = _TabPace(machine, page, recorder)
-        set_readings(request["readings"], machine)
+        person = Person(machine)
+        person.set_readings(request["readings"])
+        machine.pace = _TabPace(page, recorder, person)
         recorder.begin(machine)
 
     def tell(line: str) -> None:
