@@ -10,11 +10,12 @@ import pytest
 from hub_programs import output
 
 from brickhub.errors import DescriptionError, TwinError
-from brickhub.robot import HubKind, MotorKind, SensorKind
+from brickhub.robot import HubKind, MotorKind, Sense, SensorKind
 from brickhub.virtual.bench_body import FittedBench
 from brickhub.virtual.firmware.motor_model import MOTOR_TYPES
 from brickhub.virtual.firmware.servo import servo_settings
 from brickhub.virtual.given_readings import parse_device, parse_reading
+from brickhub.virtual.machine import Machine
 from brickhub.virtual.run import Operation, run_file
 
 HEAD = """
@@ -115,3 +116,25 @@ def test_the_port_and_the_reading_there_must_suit_the_hub(tmp_path: Path) -> Non
         run(tmp_path, "from pybricks.hubs import CityHub", "D=interactive")
     with pytest.raises(TwinError, match="senses force"):
         run(tmp_path, "", "A=ForceSensor", readings=("A.ambient=20%",))
+
+
+def test_a_reading_is_set_by_hand_while_a_program_runs(tmp_path: Path) -> None:
+    """Before and after the program has plugged in the sensor; in place of what is given."""
+    program = tmp_path / "main.py"
+    program.write_text(
+        HEAD + "sensor = ColorSensor(Port.B)\nprint(sensor.color())\n"
+        "wait(100)\nprint(sensor.color())\n",
+        encoding="utf-8",
+    )
+    out = io.BytesIO()
+
+    def attend(machine: Machine) -> None:
+        bench = machine.body
+        assert isinstance(bench, FittedBench)
+        bench.set_reading("B", Sense.SURFACE, (0, 100, 100))
+        machine.alarm_ms = 50
+        machine.on_alarm = lambda: bench.set_reading("B", Sense.SURFACE, (240, 100, 100))
+
+    operation = Operation(readings=[parse_reading("B=green")], attend=attend)
+    assert run_file(program, stdout=out, operation=operation) == 0
+    assert out.getvalue() == b"Color.RED\nColor.BLUE\n"

@@ -5,6 +5,8 @@ from __future__ import annotations
 import io
 import json
 import struct
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -122,3 +124,21 @@ def test_files_of_the_program_are_handed_over() -> None:
     assert [event for event in page.events if event["kind"] == "file"] == [
         {"kind": "file", "ms": 0, "name": "log.csv", "text": "1, 2\n"}
     ]
+
+
+def test_needs_nothing_that_no_tab_has() -> None:
+    """Packages of compiled code, and those for terminals and radios."""
+    missing = ("bleak", "greenlet", "mujoco", "numpy", "packaging", "PIL", "prompt_toolkit")
+    missing += ("scipy", "serial", "tyro")
+    program = (
+        f"import sys, types\nfor name in {missing}: sys.modules[name] = None\n"
+        "from bricktwin.site.tab import mpy_cross\n"
+        "mpy_cross.put_in_place(lambda name, source, options: (1, None, 'SyntaxError: odd'))\n"
+        "import bricktwin.site.tab.run, bricktwin.site.tab.robot_file\n"
+        "from brickhub.hub.program.compile import cross_compile\n"
+        "print(cross_compile('x', 'main.py'))\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=False
+    )
+    assert done.stdout == "(None, 'SyntaxError: odd')\n", done.stderr

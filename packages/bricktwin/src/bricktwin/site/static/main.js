@@ -31,7 +31,7 @@ async function begin() {
       state.code = code;
     },
     failed(text, wasReady) {
-      player.end(true);
+      player.abandon();
       state.set("failed");
       note(wasReady
         ? `The program was too much for this browser (${text}). Python starts again; nothing is lost.`
@@ -121,7 +121,11 @@ async function begin() {
     Object.assign(programs, { robot, world });
     programs.keep();
     player.clear(ROW);
-    await stage.choose(robot, world);
+    try {
+      await stage.choose(robot, world);
+    } catch (error) {
+      note(`This robot could not be fetched (${error.message}). Is there a network?`);
+    }
   }
 
   function stop() {

@@ -1,0 +1,118 @@
+"""Hundreds of programs print in a tab what they print in a terminal."""
+
+from __future__ import annotations
+
+import io
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+from browser import TIMEOUT_MS
+from in_page import open_program, run_program
+from test_hub_in_tab import DATA, firmware_programs
+
+from brickhub.virtual.run import run_file
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser, Page
+
+_LEAST = 300
+_HEAD = "".join(
+    f"from pybricks.{name} import *\n"
+    for name in ("pupdevices", "parameters", "tools", "robotics", "iodevices", "messaging", "hubs")
+)
+
+
+def short_programs() -> list[dict[str, str]]:
+    """Those of the documented methods and of the drives, which need nobody beside them."""
+    programs = []
+    needs_somebody = False
+    for line in (DATA / "api_programs.txt").read_text(encoding="utf-8").splitlines():
+        if line.startswith("["):
+            section = line.strip("[]")
+            needs_somebody = section not in ("motor", "tools", "parameters", "language")
+        elif line and not needs_somebody:
+            source = line.partition("  =>")[0].replace("|", "\n").replace("\n=", "|=")
+            programs.append({"main.py": f"{_HEAD}hub = PrimeHub()\n{source}\n"})
+    drives = (DATA / "firmware_drives.txt").read_text(encoding="utf-8")
+    for body in drives.split("===\n")[1:]:
+        lines = re.findall(r"(?m)^> (.*)$", body)
+        programs.append({"main.py": f"{_HEAD}s = StopWatch()\n" + "\n".join(lines) + "\n"})
+    return programs
+
+
+def moves() -> list[dict[str, str]]:
+    """The firmware's moves, of many angles and speeds."""
+    programs = []
+    for speed in (100, 250, 400, 600, 900):
+        for angle in (-200, -90, -7, 5, 30, 100, 360):
+            source = (
+                "m = Motor(Port.A)\nwatch = StopWatch()\n"
+                f"m.run_angle({speed}, {angle})\nprint(watch.time(), m.angle(), m.speed())\n"
+            )
+            programs.append({"main.py": _HEAD + source})
+    return programs
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(3600)
+def test_hundreds_of_programs_print_the_same(page: Page, tmp_path: Path) -> None:
+    programs = firmware_programs() + short_programs() + moves()
+    assert len(programs) >= _LEAST
+    different = []
+    for number, files in enumerate(programs):
+        folder = tmp_path / str(number)
+        for name, source in files.items():
+            (folder / name).parent.mkdir(parents=True, exist_ok=True)
+            (folder / name).write_text(source, encoding="utf-8")
+        out, err = io.BytesIO(), io.StringIO()
+        code = run_file(folder / "main.py", stdout=out, stderr=err, time_limit_s=600)
+        expected = [code, out.getvalue().decode("latin-1"), err.getvalue()]
+        if page.evaluate(_RUN, files) != expected:
+            different.append(files)
+    assert different == []
+
+
+_RUN = """async (files) => {
+    const { Hub } = await import("./hub.js");
+    const [out, err] = [[], []];
+    const start = () => new Promise((done) => {
+        const hub = window.testedHub ??= new Hub({ ready: () => done(hub) });
+        if (hub.isReady) done(hub);
+    });
+    const hub = await start();
+    return new Promise((done) => {
+        hub.on.happened = (events) => {
+            for (const { kind, text } of events) ({ out, err })[kind]?.push(text);
+        };
+        hub.on.ended = (code) => done([code, out.join(""), err.join("")]);
+        hub.on.failed = (text) => done([text]);
+        hub.run({ files, name: "main.py", readings: [], time_limit_s: 600 });
+        hub.allow(Infinity);
+    });
+}"""
+
+
+@pytest.mark.slow
+def test_without_shared_memory_a_run_is_shown_in_time(address: str, browser: Browser) -> None:
+    """As of http without encryption, where browsers allow no service worker: a stop ends the
+    worker, and the next one stands ready."""
+    context = browser.new_context(service_workers="block")
+    page = context.new_page()
+    page.set_default_timeout(TIMEOUT_MS)
+    page.goto(address)
+    page.wait_for_selector("#state.running")
+    assert page.evaluate("crossOriginIsolated") is False
+    assert "no way into a running program" in (page.text_content("#note") or "")
+    page.click("#stop")
+    page.select_option("#robot", "bench")
+    page.wait_for_selector("#state.ready, #state.stopped")
+    assert run_program(page, "print('there')\n")[1] == "there\n"
+    open_program(page, "while True:\n    pass\n")
+    page.click("#run")
+    page.wait_for_selector("#state.running")
+    page.click("#stop")
+    page.wait_for_selector("#state.stopped, #state.ready")
+    assert run_program(page, "print('still here')\n")[1] == "still here\n"
+    context.close()
