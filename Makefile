@@ -13,17 +13,19 @@ SKIPS := build/skips
 PYTEST := $(BIN)/python -m pytest --skips $(SKIPS)
 # Else each process of the tests would rewrite their assertions again.
 unexport PYTHONDONTWRITEBYTECODE
-# One process more than cores, as many tests wait for a process or a socket.
-WORKERS = $(shell $(BIN)/python -c 'import os; print((os.cpu_count() or 1) + 1)')
+# Each process imports and collects everything: some ten seconds of CPU. `make test` has LIGHT beside them, so that there is
+# one process more than cores, as many tests wait for a process or a socket.
+WORKERS = $(shell $(BIN)/python -c 'import os; print(os.cpu_count() or 1)')
 # A computer that is busy fails a test in a thousand: it is repeated, and named as RERUN at the end; `make test-shaken`
 # repeats none. What pytest-timeout has ended is not repeated: it counts once for all repetitions, so that the next one
 # could hang for ever.
 REPEATED := --rerun-except 'from pytest-timeout'
 FAST = --numprocesses $(WORKERS) -m 'not realtime and not slow' --reruns 1 $(REPEATED)
 # They keep to a clock, wait most of the time, and come first where something else computes.
-CLOCK := --numprocesses 4 -m 'realtime and not slow' --reruns 2 $(REPEATED)
+CLOCK := --numprocesses 3 -m 'realtime and not slow' --reruns 2 $(REPEATED)
 BESIDE := nice -n 10
-LIGHT := packages/brickhub/tests
+# The houses without torch, in one process.
+LIGHT := packages/bricktwin/tests packages/brickhub/tests
 # The longest first.
 TESTS := packages/bricksrl/tests tests packages/bricktwin/tests packages/brickhub/tests plugins
 CLOCKED = $(shell grep -rl mark.realtime $(TESTS) --include='test_*.py')
@@ -58,6 +60,7 @@ demo: $(INSTALLED)
 
 docs: $(INSTALLED)
 	$(BIN)/python -m sphinx --fail-on-warning --keep-going -q -b html docs build/docs
+	$(BIN)/bricktwin site --out build/docs/tab || echo "The documentation has no robot in the tab."
 	@echo "build/docs/index.html"
 
 check: $(INSTALLED)
@@ -75,7 +78,7 @@ fast: $(INSTALLED)
 	$(BESIDE) $(PYTEST) $(FAST) $(TESTS)
 
 light: $(INSTALLED)
-	$(MAKE) fast WORKERS=1 TESTS=$(LIGHT)
+	$(MAKE) fast WORKERS=1 TESTS='$(LIGHT)'
 
 rest: $(INSTALLED)
 	$(MAKE) --jobs 2 clocked check

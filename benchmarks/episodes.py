@@ -5,7 +5,7 @@ server.
 
 Records the first seconds of the best policy that each environment has, or of its controller: the
 poses of all drawn bodies, 20 times a second, in ``docs/episodes/<environment>.json``. The
-documentation's build adds the scene and the live page's own viewer, and writes a page for each
+documentation's build adds the drawing and the live page's own viewer, and writes a page for each
 (:func:`page_of`).
 """
 
@@ -24,9 +24,10 @@ import bricksrl
 from benchmarks.session import Session
 from bricksrl.envs.registry import get_task, is_simulation, list_envs
 from bricksrl.errors import RunError
-from bricksrl.page.robot_view import Mirror
 from bricktwin.twin.mujoco_body import MujocoBody
 from bricktwin.twin.physics import Physics
+from bricktwin.view.mirror import Mirror
+from bricktwin.view.script import one_script
 
 if TYPE_CHECKING:
     from tensordict import TensorDictBase
@@ -35,7 +36,6 @@ if TYPE_CHECKING:
 
 ROOT = Path(__file__).parents[1]
 FOLDER = ROOT / "docs" / "episodes"
-STATIC = ROOT / "packages" / "bricksrl" / "src" / "bricksrl" / "page" / "static"
 PERIOD_MS, LONGEST_MS = 50, 12_000
 EPISODES = {"RoboArm-v0": 3, "RoboArm_mixed-v0": 3}
 """Of an environment, where one is short."""
@@ -106,20 +106,20 @@ def page_of(path: Path) -> str:
     """HTML page of a recorded episode, with all that it needs. Raises RunError if its robot has
     other bodies now."""
     episode = json.loads(path.read_text(encoding="utf-8"))
-    scene = mirror_of(get_task(episode["env"])).scene
+    drawing = mirror_of(get_task(episode["env"])).drawing
     if (
         len(gzip.decompress(base64.b64decode(episode["poses"])))
-        != 28 * len(scene.bodies) * episode["frames"]
+        != 28 * len(drawing.bodies) * episode["frames"]
     ):
         raise RunError(
             f"{path} shows other bodies than {episode['env']}; record it again by `python -m "
             "benchmarks episodes`"
         )
-    viewer = (STATIC / "scene3d.js").read_text(encoding="utf-8").replace("export class", "class")
+    described = json.dumps(drawing.described()).encode()
     parts = {
         "TITLE": f"{episode['env']}: an episode to turn",
-        "VIEWER": viewer,
-        "EPISODE": json.dumps({**episode, "scene": packed(scene.to_bytes())}),
+        "VIEWER": one_script("scene3d.js"),
+        "EPISODE": json.dumps({**episode, "drawing": packed(described)}),
     }
     text = (FOLDER / "viewer.html").read_text(encoding="utf-8")
     for name, part in parts.items():

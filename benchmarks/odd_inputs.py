@@ -31,6 +31,9 @@ from typing import Any
 from benchmarks.session import Session
 
 LONGEST_S = 60
+"""Processor time of a command in this process, at most."""
+HANG_S = 600
+"""Time of a command, at most: what waits for nothing takes no processor time."""
 VALUES = (
     "",
     " ",
@@ -55,7 +58,7 @@ FLAGS = {
         "--agent", "--preset", "--settings", "--set", "--device", "--num-envs", "--eval-every",
         "--eval-episodes", "--stop-at",
         "--episodes", "--seed", "--seeds", "--from", "--base", "--demonstrations",
-        "--patience", "--hub", "--physics", "--option", "--take-over",
+        "--patience-s", "--hub", "--physics", "--option", "--take-over",
     ),
     "evaluate RUN --episodes 1": ("--env", "--episodes", "--seed", "--hub", "--physics"),
     "record RoboArmSim-v0 --episodes 1 --out NEW": ("--policy", "--episodes", "--seed", "--out",
@@ -107,7 +110,7 @@ Cases = Iterator[tuple[str, Trial]]
 
 
 class TookTooLong(BaseException):
-    """The time limit of a command was exceeded."""
+    """The time limit of a command was exceeded; the message is the fault."""
 
 
 def run(arguments: list[str]) -> Outcome:
@@ -115,11 +118,15 @@ def run(arguments: list[str]) -> Outcome:
     from bricksrl.cli import main
 
     def ring(_signum: int, _frame: FrameType | None) -> None:
-        raise TookTooLong
+        raise TookTooLong(f"did not end within {HANG_S} s")
+
+    def charge(_signum: int, _frame: FrameType | None) -> None:
+        raise TookTooLong(f"took more than {LONGEST_S} s of processor time")
 
     out, err = (io.TextIOWrapper(io.BytesIO(), "utf-8", write_through=True) for _ in range(2))
-    before = signal.signal(signal.SIGALRM, ring)
-    signal.alarm(LONGEST_S)
+    before = signal.signal(signal.SIGALRM, ring), signal.signal(signal.SIGPROF, charge)
+    signal.alarm(HANG_S)
+    signal.setitimer(signal.ITIMER_PROF, LONGEST_S)
     fault, code = "", -1
     try:
         with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
@@ -127,8 +134,8 @@ def run(arguments: list[str]) -> Outcome:
                 code = main(arguments)
             except SystemExit as end:
                 code = int(end.code or 0)
-    except TookTooLong:
-        fault = f"took more than {LONGEST_S} s"
+    except TookTooLong as limit:
+        fault = str(limit)
     except BaseException as error:  # noqa: BLE001  any error is a fault
         fault = (
             f"traceback: {type(error).__name__}: {error} "
@@ -136,7 +143,9 @@ def run(arguments: list[str]) -> Outcome:
         )[:400]
     finally:
         signal.alarm(0)
-        signal.signal(signal.SIGALRM, before)
+        signal.setitimer(signal.ITIMER_PROF, 0)
+        signal.signal(signal.SIGALRM, before[0])
+        signal.signal(signal.SIGPROF, before[1])
     stdout, stderr = (stream.buffer.getvalue().decode(errors="replace") for stream in (out, err))
     return Outcome(code, stdout, stderr, fault or verdict(code, stderr))
 
@@ -357,10 +366,19 @@ def process(arguments: list[str], variables: dict[str, str], folder: Path) -> su
     )
 
 
+def output_of(child: subprocess.Popen[str]) -> tuple[str, str]:
+    """Output of a process that ends; one that hangs is killed, which its exit code tells."""
+    try:
+        return child.communicate(timeout=HANG_S)
+    except subprocess.TimeoutExpired:
+        child.kill()
+        return child.communicate()
+
+
 def try_environment(shop: Workshop, command: str, variables: dict[str, str], folder: Path) -> str:
     """A command with odd environment variables."""
     child = process(shop.words(command, folder), variables, folder)
-    out, err = child.communicate(timeout=180)
+    out, err = output_of(child)
     return verdict(child.returncode, err) or ("" if out or err else "it said nothing")
 
 
@@ -384,7 +402,9 @@ def try_signal(command: str, which: int, delay_s: float, folder: Path) -> str:
     child = process(command.split(), {}, folder)
     time.sleep(delay_s)
     child.send_signal(which)
-    _, err = child.communicate(timeout=180)
+    _, err = output_of(child)
+    if child.returncode == -signal.SIGKILL != -which:
+        return f"did not end within {HANG_S} s"
     if "Traceback" in err and "bricksrl/" in err.rpartition("Traceback")[2]:
         return f"traceback: {err.strip().splitlines()[-1]}"[:400]
     if not (folder / "made").exists():

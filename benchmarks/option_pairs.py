@@ -87,7 +87,7 @@ OPTIONS: dict[str, dict[str, list[str]]] = {
         "time": [_NONE, "--realtime", "--asynchronous"],
         "evaluations": [_NONE, "--eval-every 1 --eval-episodes 1", "--stop-at 1000"],
         "kept": [_NONE, "--no-record", "--normalize"],
-        "patience": [_NONE, "--patience 0"],
+        "patience": [_NONE, "--patience-s 0"],
     },
     "evaluate": {
         "run": ["earlier", "skipping", "normal"],

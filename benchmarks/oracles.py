@@ -104,7 +104,7 @@ def _body(robot: Any, scene: Any) -> str:
 
 def _arena(task: Any) -> str:
     world = ArenaWorld(task.arena)
-    return _model(world.model, world.data)
+    return _model(world.engine.model, world.engine.data)
 
 
 def _model(model: Any, data: Any) -> str:

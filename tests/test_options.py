@@ -18,9 +18,10 @@ import skipped
 import torch
 
 from bricktwin.robots import TWO_WHEELER
-from bricktwin.twin.mujoco_body import MujocoBody, settle
+from bricktwin.twin.mujoco_body import MujocoBody
 from bricktwin.twin.physics import Physics
 from bricktwin.twin.scene import OPEN_FLOOR
+from bricktwin.twin.settling import settle
 
 ROOT = Path(__file__).parent.parent
 
@@ -162,7 +163,7 @@ def test_bodies_start_a_little_off(monkeypatch):
     module.settle = getattr(settle, "__wrapped__", settle)
     shaking._shake_bodies(module)
     before = body.data.qpos.copy()
-    module.settle(body.model, body.data, [body])
+    module.settle(body.engine, [body])
     first = body.data.qpos - before
     assert 0 < np.abs(first[:2]).max() < 1.1e-9
 

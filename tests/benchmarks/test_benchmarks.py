@@ -131,6 +131,16 @@ def test_finished_parts_are_not_made_again(
     assert run([*words, "--again"]) == 0 and _returns(folder) == [0, 1]
 
 
+def test_killed_process_raises_one_line(tmp_path: Path) -> None:
+    parts: dict[Path, tuple[int]] = {tmp_path / f"{number}.json": (9,) for number in range(2)}
+    with pytest.raises(
+        RunError,
+        match="a process was killed, maybe for lack of memory; repeat the command with "
+        "fewer --jobs",
+    ):
+        list(outcomes(os._exit, parts, 2))
+
+
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="there are no process groups")
 def test_ctrl_c_keeps_no_training_that_it_has_ended(tmp_path: Path) -> None:

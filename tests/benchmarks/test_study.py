@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import pickle
 import signal
 import sys
 from dataclasses import replace
@@ -158,7 +159,7 @@ def test_workers_end_with_a_study_that_is_killed(tmp_path: Path) -> None:
 def test_training_that_ctrl_c_ends_has_no_outcome_and_is_resumed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    config = {"env": "WalkerSim-v0", "episodes": 4, "settings": SMALL}
+    config = {"env": "WalkerSim-v0", "episodes": 4, "settings": SMALL, "options": SHORT}
     study = Study(
         "i",
         "I",
@@ -183,21 +184,7 @@ def test_training_that_ctrl_c_ends_has_no_outcome_and_is_resumed(
     run = tmp_path / "sac-c" / "seed-0"
     assert len(RunFolder(run).read_episodes()) == 2 and not (run / "outcome.json").exists()
     run_study(study, tmp_path, seeds=1, jobs=1)
-    assert json.loads((run / "outcome.json").read_text())["outcome"]["steps"] == 400
-
-
-def test_killed_process_raises_one_line(tmp_path: Path) -> None:
-    (tmp_path / "killed.py").write_text("import os\nos._exit(9)\n")
-    config = {"env": str(tmp_path / "killed.py"), "episodes": 1}
-    study = Study(
-        "k", "K", 6, 6, seeds=5, cells=lambda _: (Cell("sac", "c", config, (Condition("same"),)),)
-    )
-    with pytest.raises(
-        RunError,
-        match="a process was killed, maybe for lack of memory; repeat the command with "
-        "fewer --jobs",
-    ):
-        run_study(study, tmp_path / "study", seeds=2, jobs=2)
+    assert json.loads((run / "outcome.json").read_text())["outcome"]["steps"] == 80
 
 
 def test_page_shows_all_seeds_of_the_folder(tmp_path: Path) -> None:
@@ -430,5 +417,6 @@ def test_studies_match_descriptions() -> None:
         assert study.seeds >= 5 and len(quick) <= len(whole)
         assert len({name_of(cell) for cell in whole}) == len(whole)
         assert all(cell.conditions for cell in (*whole, *quick))
+        assert pickle.loads(pickle.dumps(whole)) == whole, "they go to other processes"  # noqa: S301
     assert len(drawn_twins()) == 20 and drawn_twins() == drawn_twins()
     assert Physics() not in OUTSIDE.values()

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import io
+import re
 import runpy
+import shutil
 import subprocess
 import sys
 from dataclasses import replace
@@ -30,6 +32,8 @@ TINY = replace(
     preset("default", "sac"), hidden=(8,), batch_size=8, prefill_episodes=1, updates_per_step=0.1
 )
 """Settings of runs that are not to learn anything."""
+SHORT_STEPS = 10
+"""Steps of their episodes, where an example has more."""
 OWN_LINES = 40  # what issue and README promise for a task or a robot of one's own
 
 
@@ -37,6 +41,19 @@ def lines_of_code(path: Path) -> int:
     """Lines without module docstring and blank ones."""
     code = path.read_text(encoding="utf-8").split('"""', 2)[2]
     return sum(bool(line.strip()) for line in code.splitlines())
+
+
+def shortened(path: Path, folder: Path) -> Path:
+    """A copy of an example, and of its plan, with short episodes."""
+    code, changes = re.subn(
+        r"max_steps=\d+", f"max_steps={SHORT_STEPS}", path.read_text(encoding="utf-8")
+    )
+    assert changes == 1
+    copy = folder / path.name
+    copy.write_text(code, encoding="utf-8")
+    for plan in EXAMPLES.glob(f"{path.stem}.ldr"):
+        shutil.copy(plan, folder)
+    return copy
 
 
 @pytest.fixture
@@ -48,10 +65,12 @@ def main(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
 
 @pytest.fixture
 def in_short(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Examples train a tiny network, and evaluate it in one episode."""
+    """Examples train a tiny network in short episodes, and evaluate it in one."""
 
     def trained(config: TrainConfig) -> RunResult:
-        return train(replace(config, settings=TINY))
+        has_steps = config.env.startswith("Walker")
+        short = {"max_steps": SHORT_STEPS} if has_steps else {}
+        return train(replace(config, settings=TINY, options=short))
 
     def evaluated(*arguments: Any, episodes: int, **named: Any) -> EvaluationResult:
         assert episodes > 1
@@ -89,8 +108,9 @@ def test_own_robot_and_task(name: str, tmp_path: Path) -> None:
     path = EXAMPLES / f"{name}.py"
     assert lines_of_code(path) <= OWN_LINES
     assert [check for check in check_env(f"{path}") if check.outcome is Outcome.ERROR] == []
-    result = train(TrainConfig(str(path), episodes=2, settings=TINY, run_dir=tmp_path / "run"))
-    assert len(result.episodes) == 2
+    short = shortened(path, tmp_path)
+    result = train(TrainConfig(str(short), episodes=2, settings=TINY, run_dir=tmp_path / "run"))
+    assert [episode.length <= SHORT_STEPS for episode in result.episodes] == [True, True]
 
 
 def test_own_driving_robot_video(tmp_path: Path) -> None:
@@ -99,7 +119,7 @@ def test_own_driving_robot_video(tmp_path: Path) -> None:
     train(TrainConfig(str(path), episodes=1, settings=TINY, run_dir=run_dir))
     try:
         filmed = film_run(
-            run_dir, "last", tmp_path / "film.mp4", "it drives", size=(320, 240), budget_s=3.0
+            run_dir, "last", tmp_path / "film.mp4", "it drives", size=(320, 240), budget_s=1.0
         )
     except RenderingUnavailableError as error:
         pytest.skip(str(error))

@@ -49,15 +49,15 @@ def _shake_bodies(module: ModuleType) -> None:
     settle = module.settle
 
     @functools.wraps(settle)
-    def shaken(model: Any, data: Any, robots: Any) -> None:
-        import mujoco
+    def shaken(engine: Any, robots: Any) -> None:
         import numpy as np
 
-        settle(model, data, robots)
-        data.qpos[:] += BODY_OFF * np.random.default_rng([_seed(), model.nq]).uniform(
-            -1.0, 1.0, model.nq
-        )
-        mujoco.mj_forward(model, data)
+        settle(engine, robots)
+        count = len(engine.qpos)
+        off = np.random.default_rng([_seed(), count]).uniform(-1.0, 1.0, count)
+        for address, share in enumerate(off.tolist()):
+            engine.qpos[address] += BODY_OFF * share
+        engine.forward()
         _say_met()
 
     module.settle = shaken  # type: ignore[attr-defined]
@@ -90,13 +90,14 @@ def _shaken_weights(fill: Callable[..., Any]) -> Callable[..., Any]:
     return shaken
 
 
-def _shake_arenas(module: ModuleType) -> None:
-    module.settle = sys.modules["bricktwin.twin.mujoco_body"].settle  # type: ignore[attr-defined]
+def _shake_starts(module: ModuleType) -> None:
+    module.settle = sys.modules["bricktwin.twin.settling"].settle  # type: ignore[attr-defined]
 
 
 CHANGED = {
-    "bricktwin.twin.mujoco_body": _shake_bodies,
-    "bricktwin.twin.arena": _shake_arenas,
+    "bricktwin.twin.settling": _shake_bodies,
+    "bricktwin.twin.standing": _shake_starts,
+    "bricktwin.twin.arena": _shake_starts,
     "torch.nn.init": _shake_weights,
 }
 

@@ -39,6 +39,7 @@ class Lack:
 
 
 LACKS = (
+    Lack("no Node.js", "Node.js", "apt install nodejs"),
     Lack(
         "no Chromium",
         "Chromium",

@@ -24,8 +24,7 @@ if "BRICKS_TESTS_CACHE" not in os.environ:
 # Before torch is imported, and inherited by the commands that tests start: tests share their cores.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
-# What torch and TorchRL define stays; looking through it again and again is a quarter of the time
-# of their import.
+# The most that tests leave is freed without a search for cycles.
 gc.set_threshold(50_000)
 
 # A shell's background jobs ignore Ctrl-C, and so would all that they start; tests send it.

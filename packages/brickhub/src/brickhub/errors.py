@@ -62,7 +62,7 @@ class Reason(enum.Enum):
 
     @property
     def is_lasting(self) -> bool:
-        """Whether it lasts until a person acts."""
+        """Whether the error lasts until a person acts."""
         return self not in (Reason.NOT_FOUND, Reason.UNKNOWN)
 
 
@@ -146,7 +146,7 @@ class WriteError(BricksError, OSError):
     """A file or folder that cannot be written where the user wants it; raised by
     `brickhub.files`."""
 
-    # That of OSError would put an errno before the message.
+    # OSError would put an errno before the message.
     def __str__(self) -> str:
         return str(self.args[0])
 

@@ -29,7 +29,8 @@ class Range:
     below: bool = False
 
     def __contains__(self, value: float) -> bool:
-        # Written so that NaN, which compares False with everything, is in no range.
+        # NaN compares as false with everything, so the tests are written such that it is in no
+        # range.
         is_above = value > self.low if self.above else value >= self.low
         is_below = value < self.high if self.below else value <= self.high
         return is_above and is_below
@@ -76,7 +77,7 @@ def check_value(
     Raises DescriptionError if the annotation does not allow the value."""
     limits = _limits_of(hint)
     hint = _without_remarks(hint)
-    # Limits are those of a value that is given; an option that may be None may be left out.
+    # An option that may be None may be left out; limits apply to given values only.
     if value is None and _matches(value, hint):
         return
     if limits is not None:
@@ -107,7 +108,7 @@ def _check_limits(
 ) -> None:
     if isinstance(value, float) and not math.isfinite(value):
         raise DescriptionError(f"{name} is {value}; give a finite number")
-    # True counts as 1 in Python, but whoever wrote it meant no number.
+    # In Python True counts as 1, but whoever wrote it meant no number.
     is_number = isinstance(value, int | float) and not isinstance(value, bool)
     if not is_number or value not in limits:
         raise DescriptionError(f"{name} is {value!r}; give {limits}")
@@ -122,11 +123,12 @@ def check_arguments(
     DescriptionError if it does not."""
     try:
         signature = inspect.signature(function)
-    except (TypeError, ValueError):  # some functions in C have none
+    except (TypeError, ValueError):
+        # Some functions in C have no signature, so nothing can be checked.
         return
     names = tuple(arguments)
     try:
-        # Only their number matters: they are given by position.
+        # Values are given by position, so only their number matters.
         signature.bind(*names)
     except TypeError:
         wanted = ", ".join(names)
@@ -156,10 +158,10 @@ def check_call(
     try:
         signature = inspect.signature(function, eval_str=True)
     except Exception:  # noqa: BLE001
-        # - an annotation is any expression; one that fails checks nothing
+        # An annotation is any expression and may raise anything; one that fails checks nothing.
         signature = inspect.signature(function)
     parameters = signature.parameters
-    # All missing ones at once, so that nobody has to run it once for each.
+    # All missing options are named at once, so that nobody has to try once for each.
     missing = [
         _wanted(parameter)
         for name, parameter in parameters.items()
@@ -173,10 +175,11 @@ def check_call(
         parameter = parameters.get(name, rest)
         hint = Any if parameter is None else _hint_of(parameter)
         checked[name] = _converted(value, hint)
-        # JSON has no NaN, but Python's reader takes it; no option means it.
+        # Python's JSON reader accepts NaN, which JSON does not have and no option means.
         if isinstance(value, float) and math.isnan(value):
             raise DescriptionError(f"{where}{name} is {value}; give a number")
-        # A default may contradict its annotation, as in `x: int = None`: not the user's doing.
+        # A default may contradict its annotation, as in `x: int = None`, which is not the user's
+        # mistake.
         is_default = parameter is not None and value is parameter.default
         if not is_default:
             check_value(f"{where}{name}", checked[name], hint)
@@ -200,7 +203,7 @@ def _hint_of(parameter: inspect.Parameter) -> Any:
     """Annotation of a parameter, or else the type of its default; any number where that is a whole
     one."""
     if parameter.annotation is not parameter.empty:
-        # An annotation in a text that could not be evaluated says nothing.
+        # An annotation that is still text could not be evaluated, and so says nothing.
         return Any if isinstance(parameter.annotation, str) else parameter.annotation
     kind = type(parameter.default)
     return _HINT_OF_DEFAULT.get(kind, Any)
@@ -223,7 +226,7 @@ def _converted(value: Any, hint: Any) -> Any:
     cls = typing.get_origin(hint) or hint
     parts = typing.get_args(hint)
     if cls in _UNIONS:
-        # The first alternative that fits, in the order in which the annotation names them.
+        # Several alternatives may fit, so the first one counts, in the order of the annotation.
         for part in parts:
             converted = _converted(value, part)
             if _matches(converted, hint):
@@ -231,7 +234,8 @@ def _converted(value: Any, hint: Any) -> Any:
         return value
     if cls is tuple and isinstance(value, list):
         return _tuple_of(value, parts)
-    # `--option name=7` arrives as a number; `true` as a truth value.
+    # A command line reads `--option name=7` as a number, and `true` as a truth value, although a
+    # text is wanted here.
     if cls is str and isinstance(value, int):
         return json.dumps(value)
     if isinstance(value, str) and isinstance(cls, type):
@@ -246,7 +250,8 @@ def _tuple_of(values: list[Any], parts: tuple[Any, ...]) -> tuple[Any, ...]:
     """A list of JSON as the tuple of these annotations."""
     has_length = bool(parts) and parts[-1] is not ...
     kinds = parts if has_length else parts[:1] * len(values)
-    # One of another length is refused by the check, which tells how many there should be.
+    # A list of the wrong length stays as it is, because the check then tells how many there should
+    # be.
     if len(kinds) != len(values):
         return tuple(values)
     converted = map(_converted, values, kinds)
@@ -271,14 +276,14 @@ def _matches(value: Any, hint: Any) -> bool:
     if cls in _UNIONS:
         return any(_matches(value, part) for part in parts)
     if cls is Literal:
-        # By type too, as 1 equals True.
+        # Types are compared too, because 1 equals True.
         return any(type(value) is type(part) and value == part for part in parts)
     if cls is Any or not isinstance(cls, type):
         return True
-    # True counts as 1 in Python, but whoever wrote it meant no number.
+    # In Python True counts as 1, but whoever wrote it meant no number.
     if cls in (int, float) and isinstance(value, bool):
         return False
-    # As for type checkers, a whole number is a number.
+    # A whole number is accepted as a float, as by type checkers.
     accepted: Any = int | float if cls is float else cls
     if not isinstance(value, accepted):
         return False
@@ -301,7 +306,7 @@ def _items_match(
     if cls is tuple:
         has_length = len(value) == len(parts)
         return has_length and all(map(_matches, value, parts))
-    # What other containers hold, and what a function takes, shows only when it is used.
+    # What is in other containers, and what a function takes, shows only when it is used.
     return True
 
 
@@ -316,7 +321,7 @@ def _describe(hint: Any) -> str:
     cls = typing.get_origin(hint) or hint
     parts = typing.get_args(hint)
     if cls in _UNIONS:
-        # To leave an option out is never what a message should advise.
+        # A message never advises to leave an option out, so None is not described.
         return _either(_describe(part) for part in parts if part is not type(None))
     if cls is tuple and parts:
         number = "several" if parts[-1] is ... else len(parts)
@@ -344,7 +349,7 @@ _UNIONS = (types.UnionType, typing.Union)
 """Origins of ``A | B`` and of ``Optional[A]``, which differ up to Python 3.13."""
 _HINT_OF_DEFAULT: dict[Any, Any] = {
     bool: bool,
-    # Whoever writes `= 1` seldom means that 1.5 is wrong.
+    # A default of 1 seldom means that 1.5 would be wrong.
     int: float,
     float: float,
     str: str,

@@ -38,7 +38,8 @@ _DEVICES_OF_WINDOWS = re.compile(r"(aux|con|nul|prn|(com|lpt)[1-9¹²³])\s*(\..
 def quoted(path: Path | str) -> str:
     """A path as one word of a command line."""
     if sys.platform == "win32":
-        # It quotes only what has spaces; a shell also takes `&` or `(` for something of its own.
+        # `list2cmdline` only quotes what has spaces, but a shell also takes `&` or `(` for
+        # something else.
         word = subprocess.list2cmdline([str(path)])
         is_plain = word.startswith('"') or _PLAIN_ON_WINDOWS.fullmatch(word)
         return word if is_plain else f'"{word}"'
@@ -59,7 +60,7 @@ def as_file_name(text: str) -> str:
 def user_cache() -> Path:
     """Folder of what is kept between processes and can be lost. Raises RuntimeError if the user has
     no home."""
-    # An empty variable is one that is not set, as the standard of these folders says.
+    # By the standard of these folders, an empty variable counts as one that is not set.
     root = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
     return Path(root) / "bricksrl"
 
@@ -75,7 +76,7 @@ def folder_with(folder: Path, *files: str) -> str:
     none of these files. Names up to three folders that have one: the one that it is in, the newest
     of those in it, or those beside it with a similar name."""
     found: list[Path] = []
-    # A folder that cannot be looked into, or that is gone meanwhile, only costs the advice.
+    # A folder that cannot be read, or is gone in the meantime, only costs the advice.
     with contextlib.suppress(OSError):
         found = _folders_with(folder, files)
     wanted = f"a folder with a {files[0]}"
@@ -90,7 +91,8 @@ def _folders_with(folder: Path, files: tuple[str, ...]) -> list[Path]:
     def has_one(path: Path) -> bool:
         return any((path / file).is_file() for file in files)
 
-    # All three are looked for first: what cannot be read in one spoils the advice as a whole.
+    # All three places are read before one is chosen, so that a folder that cannot be read spoils
+    # the advice as a whole.
     around = [path for path in folder.parents if has_one(path)]
     inside = [path for path in folder.glob("*") if has_one(path)]
     beside = [path for path in folder.parent.glob("*") if has_one(path)]
@@ -112,7 +114,7 @@ def writing(path: Path) -> Iterator[None]:
         yield
     except OSError as failure:
         reason = failure.strerror or str(failure)
-        # A folder was to be made where there is a file.
+        # This error means that a folder was to be made where there is a file.
         if isinstance(failure, FileExistsError):
             reason = os.strerror(errno.ENOTDIR)
         remedy = "name another place"
@@ -143,11 +145,12 @@ def reading(
         reason = failure.strerror or str(failure)
     except (DescriptionError, UnknownNameError) as failure:
         reason = str(failure)
-    # Not the file's: a refusal that is complete, and a file that is too large for this computer.
+    # Neither is a fault of this file: a complete refusal of ours, or a file too large for this
+    # computer.
     except (BricksError, MemoryError):
         raise
-    # A file of anybody's may have any value where we expect another one. What Python then says is
-    # about its own values, and tells a user nothing.
+    # Anybody's file may have any value where another one is expected. Python's message would be
+    # about its own values, and tell a user nothing.
     except Exception:  # noqa: BLE001
         if str(path).endswith(".json"):
             reason = "it is not JSON as we write it, or damaged"
@@ -166,8 +169,8 @@ def parsing(refusal: BricksError) -> Iterator[None]:
         yield
     except type(refusal):
         raise
-    # A stranger's file is parsed by libraries (torch's unpickler, Arrow, safetensors) that promise
-    # no list of errors: theirs, Python's, or MemoryError for a size that the file only claims.
+    # Libraries that parse strangers' files (torch's unpickler, Arrow, safetensors) do not say which
+    # errors they raise: their own, Python's, or MemoryError for a size that a file only claims.
     except Exception:  # noqa: BLE001
         raise refusal from None
 
@@ -179,12 +182,12 @@ def check_writable(path: Path) -> None:
         if path.is_dir():
             raise IsADirectoryError(errno.EISDIR, "it is a folder")
         if path.exists():
-            # To append nothing asks for the right to write, and leaves the file as it is.
+            # Opening the file for appending needs the right to write, and changes nothing.
             path.open("ab").close()
             return
-        # The folders in between are made when it is written; the first one that exists decides.
+        # Missing folders are made when the file is written, so the first one that exists decides.
         folder = next(parent for parent in path.absolute().parents if parent.exists())
-        # Not by tempfile, which tries for ever on Windows with a Python before 3.11.9.
+        # tempfile is not used, because on Windows with a Python before 3.11.9 it tries for ever.
         trial = temporary_beside(folder / "trial")
         trial.open("xb").close()
         trial.unlink()
@@ -200,24 +203,26 @@ def write_durably(path: Path, data: bytes) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
         temporary = temporary_beside(path)
         flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL
-        # Windows would turn each line's end into two bytes.
+        # Without this flag, Windows turns each line end into two bytes.
         flags |= getattr(os, "O_BINARY", 0)
-        # The system takes the user's umask off; tempfile would allow the owner alone.
+        # The system reduces this mode by the user's umask; tempfile would admit the owner alone.
         handle = os.open(temporary, flags, 0o666)
         try:
             with os.fdopen(handle, "wb") as file:
                 file.write(data)
                 file.flush()
-                # Before the renaming: a power cut must not leave the new name with no data.
+                # Data goes to the disk before the renaming, because a power cut must not leave the
+                # new name without data.
                 os.fsync(file.fileno())
-            # Who may read it stays as it was. Windows knows no modes, but takes a folder's rights.
+            # The file keeps its readers. Windows has no modes, but a file gets the rights of its
+            # folder.
             if sys.platform != "win32" and path.is_file():
                 temporary.chmod(stat.S_IMODE(path.stat().st_mode))
             put_in_place(temporary, path)
         except BaseException:
             temporary.unlink(missing_ok=True)
             raise
-        # The renaming itself is on the disk only when its folder is.
+        # The renaming itself reaches the disk only with its folder.
         _sync_folder(path.parent)
 
 
@@ -229,7 +234,7 @@ def atomic_folder(path: Path) -> Iterator[Path]:
     ``path`` is always complete, even if the process is killed; a remnant then has a name that
     begins with `TEMPORARY_PREFIX`. Raises WriteError if it cannot be written.
     """
-    # From the innermost outwards, the order in which they can be removed again.
+    # The innermost folder comes first, which is the order in which they can be removed again.
     made = [parent for parent in path.parents if not parent.exists()]
     with writing(path):
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -241,11 +246,12 @@ def atomic_folder(path: Path) -> Iterator[Path]:
             put_in_place(folder, path)
     except BaseException as error:
         shutil.rmtree(folder, ignore_errors=True)
-        # One that is used meanwhile stays.
+        # A folder that something else uses by now cannot be removed, and stays.
         with contextlib.suppress(OSError):
             for parent in made:
                 parent.rmdir()
-        # Of a file in it, but a user knows nothing of the temporary folder: the error names `path`.
+        # The error is about a file in the temporary folder, of which a user knows nothing, so it is
+        # raised anew with `path`.
         if isinstance(error, WriteError):
             with writing(path):
                 raise
@@ -263,7 +269,7 @@ def put_in_place(complete: Path, path: Path) -> None:
         try:
             complete.replace(path)
         except PermissionError:
-            # no folder is replaced there, however long one waits
+            # A folder is never replaced on Windows, however long one waits.
             if not is_waited_for or path.is_dir() or time.monotonic() > end_s:
                 raise
             time.sleep(0.02)
@@ -273,13 +279,13 @@ def put_in_place(complete: Path, path: Path) -> None:
 
 def temporary_beside(path: Path, suffix: str = "") -> Path:
     """A new name of an incomplete file or folder in the folder of ``path``."""
-    # In the same folder: a renaming is atomic only within a file system.
+    # The new name is in the same folder, because renaming is atomic only within a file system.
     token = secrets.token_hex(8)
     return path.parent / f"{TEMPORARY_PREFIX}{token}{suffix}"
 
 
 def _sync_folder(path: Path) -> None:
-    # Folders cannot be opened on Windows, where names are kept without.
+    # Windows cannot open folders, and keeps names without this.
     if sys.platform == "win32":
         return
     handle = os.open(path, os.O_RDONLY)
@@ -303,7 +309,7 @@ def is_unused(root: Path) -> bool:
 def remove_unfinished(root: Path) -> int:
     """Remove the unfinished files of killed writers below ``root``, and return their number; only
     for the folder's writer."""
-    # All are listed before one is removed, as a listing goes on while it is read.
+    # All files are listed before one is removed, because the listing goes on while it is read.
     candidates = list(root.rglob(f"{TEMPORARY_PREFIX}*"))
     unfinished = [path for path in candidates if path.is_file()]
     for path in unfinished:
@@ -337,7 +343,8 @@ def serialized(root: Path, timeout_s: float = 60.0) -> Iterator[None]:
                 _lock(file.fileno())
                 break
             except OSError:
-                # Not a lock that blocks: it would wait for ever for a process that hangs.
+                # A blocking lock would wait for ever for a process that hangs, so it is tried again
+                # and again.
                 time.sleep(0.05)
         yield
 
@@ -345,7 +352,7 @@ def serialized(root: Path, timeout_s: float = 60.0) -> Iterator[None]:
 def _lock_file(root: Path) -> BinaryIO:
     with writing(root):
         root.mkdir(parents=True, exist_ok=True)
-        # It stays there when the lock is released: to remove it would let two processes lock two
+        # The file stays when its lock is released. Removing it would let two processes lock two
         # files of that name.
         return (root / LOCK).open("a+b")
 

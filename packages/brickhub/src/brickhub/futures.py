@@ -20,7 +20,7 @@ def is_done(future: concurrent.futures.Future[Any], limit_s: float | None) -> bo
         if left_s <= 0.0:
             break
         concurrent.futures.wait([future], min(left_s, _PIECE_S))
-    # Asked once more: it may have ended within the last piece.
+    # The future may have ended within the last piece, so it is asked once more.
     return future.done()
 
 

@@ -43,7 +43,7 @@ def parsed(
     def value(words: Any) -> Any:
         return read(words[0]) if collect is None else collect(map(read, words))
 
-    # As tyro's UseAppendAction does.
+    # This is what tyro's UseAppendAction sets, so that an option may be repeated.
     action: Any = {} if collect is None else {"_action": "append"}
     return PrimitiveConstructorSpec(
         1,
@@ -92,7 +92,7 @@ def check_existing(command: Any) -> None:
 
 
 def _remarks_on(hint: Any) -> tuple[Any, ...]:
-    """What an annotation says of a field besides its type."""
+    """Remarks of an annotation on a field, besides its type."""
     remarks: tuple[Any, ...] = getattr(hint, "__metadata__", ())
     return remarks
 
@@ -106,7 +106,7 @@ def existing_file(
     and the remedy."""
 
     def look(path: Path) -> None:
-        # A program may give the thing itself, such as a Physics, in place of a file with it.
+        # A program may give the thing itself, such as a Physics, instead of a file.
         if isinstance(path, Path):
             with reading(what, path, error, remedy):
                 path.open("rb").close()

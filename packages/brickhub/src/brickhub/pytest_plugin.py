@@ -48,7 +48,7 @@ class ProgramRun:
 
     @cached_property
     def log(self) -> list[dict[str, float | str | None]]:
-        """What motors and sensors did: a row every 10 ms by column, such as ``time_s``,
+        """Log of the motors and sensors: a row every 10 ms by column, such as ``time_s``,
         ``A_angle_deg``, ``C_distance_mm``, as ``brickhub run --log`` writes them; ``None`` where
         there is no value yet."""
         return list(self._log.rows())
@@ -115,7 +115,7 @@ class PybricksHub:
             machine.log = log
 
         body = self._body(robot, readings, end_stops)
-        # What is said of a Robot by name, and the end stops of any body, are in the body already.
+        # A body already has a named robot's stops, and the end stops that any body has.
         has_stops = body is not None or isinstance(end_stops, Mapping)
         texts_of_readings: Iterable[str] = () if isinstance(readings, Mapping) else readings
         texts_of_stops: Iterable[str] = () if has_stops else end_stops
@@ -160,7 +160,7 @@ class PybricksHub:
 
         is_described = isinstance(robot, Robot)
         for said in (readings, end_stops):
-            # What is empty may be of either kind, as the defaults are.
+            # Something empty may be of either kind, as the defaults are.
             if said and isinstance(said, Mapping) is not is_described:
                 kind = "lists of texts for the bench, such as B=red and C=-90..120"
                 if is_described:
@@ -170,7 +170,8 @@ class PybricksHub:
             return BenchBody(robot, dict(readings), dict(end_stops))  # type: ignore[arg-type]
         if not isinstance(robot, str):
             return robot
-        # A file beside the test, wherever pytest was started; else a name, as of `walker`.
+        # A file beside the test is found wherever pytest was started; anything else is a name such
+        # as `walker`.
         file = self._folder / robot
         target = find(str(file) if file.is_file() else robot)
         stops = end_stops_of(target.robot, end_stops)
@@ -179,7 +180,8 @@ class PybricksHub:
         return target.make_body(end_stops=stops) if stops else target.make_body()
 
     def _file(self, program: str | Path) -> Path:
-        # A text of one line that ends like a file is one: no program of one line is `main.py`.
+        # A single line that ends like a file name is one, because no program of one line reads
+        # `main.py`.
         if isinstance(program, Path) or ("\n" not in program and program.endswith(".py")):
             return self._folder / program
         path = self._scratch / "main.py"

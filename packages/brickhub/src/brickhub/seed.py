@@ -44,7 +44,7 @@ def derive_seed(
     index: int = 0,
 ) -> int:
     """A pseudo-random seed in 0..2**31-1 for each purpose and index."""
-    # Not Python's `hash`, which differs from one process to the next.
+    # Python's `hash` differs from one process to the next, so it is not used.
     name = f"{seed}/{purpose}/{index}"
     digest = hashlib.sha256(name.encode()).digest()
     return int.from_bytes(digest[:4], "little") >> 1
@@ -68,7 +68,7 @@ def episode_seed(
         derived = derive_seed(derived, "again", again)
     if kind == "training":
         return derived
-    # Half as many seeds, so that the range ends where the next one begins.
+    # Shifting leaves half as many seeds, so that this range ends where the next one begins.
     return _FIRST_SEED[kind] + (derived >> 1)
 
 

@@ -72,7 +72,7 @@ def whole_interface(robot: Robot) -> Interface:
                 _FAST_DEG_S,
             )
         )
-        # A motor without a range turns endlessly: its angle is one of a turn.
+        # A motor without a range turns endlessly, so its angle is one within a turn.
         low_deg, high_deg = motor.range_deg or (0, 360)
         channels.append(MotorAngle(motor.name, float(low_deg), float(high_deg)))
     if robot.needs_imu:

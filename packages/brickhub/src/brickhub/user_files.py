@@ -58,7 +58,7 @@ def code_names(value: object, hint: object = None) -> Iterator[str]:
                 yield from code_names(name)
                 yield from code_names(item)
             else:
-                # No annotation for a field that is not declared: its texts count.
+                # A field that is not declared has no annotation, so its texts count as code.
                 yield from code_names(item, fields.get(name))
     elif isinstance(value, list | tuple):
         item_hint = _item_hint_of(alternatives)
@@ -86,10 +86,11 @@ def _item_hint_of(alternatives: list[object]) -> object:
 
 def _alternatives_of(hint: object) -> Iterator[object]:
     """The alternatives of an annotation, and what is said of them."""
-    if hasattr(hint, "__metadata__"):  # of Annotated
+    # Only an Annotated has this attribute.
+    if hasattr(hint, "__metadata__"):
         yield from hint.__metadata__
         hint = getattr(hint, "__origin__", hint)
-    # An alternative may be annotated itself, as in `Annotated[str, NotCode()] | None`.
+    # An alternative may itself be annotated, as in `Annotated[str, NotCode()] | None`.
     if typing.get_origin(hint) in (types.UnionType, typing.Union):
         for alternative in typing.get_args(hint):
             yield from _alternatives_of(alternative)
@@ -177,8 +178,9 @@ def objects_in(reference: str, kind: type) -> dict[str, Any]:
 
 
 def _objects_of(module: ModuleType, kind: type) -> dict[str, Any]:
-    """As `objects_in`, of a module that is loaded."""
-    # By identity, as equal robots may be two, and not every object has a hash.
+    """Objects of a type in a module that is loaded, as by `objects_in`."""
+    # Objects are compared by identity, because equal robots may be two, and not every object has a
+    # hash.
     found: dict[int, tuple[str, Any]] = {}
     contents = {name: value for name, value in vars(module).items() if not name.startswith("__")}
     for name, value in contents.items():
@@ -187,7 +189,7 @@ def _objects_of(module: ModuleType, kind: type) -> dict[str, Any]:
     walked: set[int] = set()
     for name, value in contents.items():
         for place, item in _items_within(name, value, walked):
-            # What has a name of its own is called by that.
+            # A name of its own tells more than a place in a list, so it is looked for first.
             if isinstance(item, kind) and id(item) not in found:
                 found[id(item)] = (place, item)
     return dict(found.values())
@@ -198,7 +200,7 @@ def _items_within(
     value: object,
     walked: set[int],
 ) -> Iterator[tuple[str, object]]:
-    """All that is in a list, tuple, set or dictionary, at any depth, by its place; a container that
+    """Everything in a list, tuple, set or dictionary, at any depth, by its place. A container that
     was walked before has nothing new."""
     if not isinstance(value, list | tuple | set | frozenset | dict) or id(value) in walked:
         return
@@ -213,14 +215,19 @@ def _items_within(
 def _parts(reference: str) -> tuple[str, str]:
     """File or module, and the name in it, which may be empty."""
     location, colon, name = reference.rpartition(":")
-    # The colon of `C:\robots\mine.py` is that of a drive of Windows.
+    # The colon in `C:\robots\mine.py` belongs to a drive of Windows.
     if not colon or name.endswith(".py"):
         return reference, ""
     return location, name
 
 
 def check_there(reference: str) -> None:
-    """Check that the file of a reference is there. Raises UnknownNameError if not."""
+    """Check that the file of a reference is there. Raises UnknownNameError if not, or if the
+    reference is empty, as a variable of a shell is that was never set."""
+    if not reference.strip():
+        raise UnknownNameError(
+            f"the name '{reference}' is empty; give one, or leave the option out"
+        )
     location, _ = _parts(reference)
     path = Path(location)
     if not location.endswith(".py") or path.is_file():
@@ -248,14 +255,16 @@ def _load(location: str, reference: str) -> ModuleType:
     try:
         with beside(reference):
             return _run_file(Path(location)) if is_file else importlib.import_module(location)
-    except (Exception, SystemExit) as error:  # a script may end the program
-        # A module of which a part is missing is told from one that is missing itself by the name in
-        # the error; a name that no module can have, such as "", raises ValueError, without one.
+    except (Exception, SystemExit) as error:
+        # A script may end the program, which must not end this one.
+        # The name in the error tells whether the module itself is missing or something that it
+        # imports. A name that no module can have, such as "", raises ValueError instead.
         is_import = isinstance(error, ImportError | ValueError)
         if is_import and not is_file and getattr(error, "name", location) == location:
             remedy = "give one that can be imported, or a file: my_task.py"
             raise UnknownNameError(f"there is no module '{location}'; {remedy}") from None
-        # The message of a failed import is a sentence by itself; others say little without a type.
+        # The message of a failed import is a sentence by itself, but others say little without
+        # their type.
         kind = "" if is_import else f"{type(error).__name__}: "
         what = f"{kind}{error}{line_of_user(error)}"
         raise DescriptionError(f"{reference} cannot be loaded ({what}); correct it") from error
@@ -279,10 +288,11 @@ def line_of_user(error: BaseException) -> str:
     """Location in the user's files where an exception was raised, as ", my_task.py, line 7"; empty
     if there is none."""
     foreign = [folder.resolve() for folder in _foreign_folders()]
-    # From the innermost call outwards: the user's last line, not the one that began it all.
+    # The innermost call comes first, because the user's last line explains more than the one that
+    # began it all.
     for frame in reversed(traceback.extract_tb(error.__traceback__)):
         path = Path(frame.filename)
-        # Code from a text, such as a dataclass's methods, has a name like "<string>".
+        # Code that was made from a text, such as a dataclass's methods, has a name like "<string>".
         if not path.is_file():
             continue
         file = path.resolve()
@@ -332,12 +342,13 @@ def failure_of_user(error: BaseException) -> str | None:
 
 
 def _run_file(path: Path) -> ModuleType:
-    # A name of its own, so that a file called json.py hides no module of that name.
+    # The module gets a name of its own, so that a file called json.py hides no module of that name.
     spec = importlib.util.spec_from_file_location(f"bricksrl_own_{path.stem}", path)
     if spec is None or spec.loader is None:
         raise ImportError(f"{path} is not a Python file")
     module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module  # dataclasses of the file look it up
+    # Dataclasses of the file look their module up here.
+    sys.modules[spec.name] = module
     spec.loader.exec_module(module)
     return module
 
@@ -349,10 +360,10 @@ def _only(
     missing: str,
 ) -> Any:
     """The only object of a type in a module. Raises UnknownNameError for none or several."""
-    # An object does not record the module that defines it, so imported ones count too.
+    # An object does not record which module defines it, so imported ones count too.
     objects = _objects_of(module, type_)
     named = [name for name in objects if name.isidentifier()]
-    # What has a name goes before what is only in a list, such as the robots of a whole class.
+    # Objects with names go before those in a list, such as the robots of a whole class.
     names = named or list(objects)
     if len(names) == 1:
         return objects[names[0]]

@@ -47,6 +47,14 @@ def test_failing_program_prints_traceback(brickhub, program: Path) -> None:
     assert "brickhub" not in done.err
 
 
+def test_unplugged_port_is_said_once(brickhub, program: Path, tmp_path: Path) -> None:
+    port = tmp_path / "no-port"
+    done = brickhub("run", str(program), "--hub", f"usb:{port}")
+    reason = f"could not open the serial port {port} (No such file or directory); plug the hub in"
+    assert (done.code, done.err.count("No such file")) == (2, 1)
+    assert reason in done.err
+
+
 def test_missing_device_of_a_described_robot_is_an_error(brickhub, program: Path) -> None:
     program.write_text(HELLO.replace("Port.A", "Port.B"))
     done = brickhub("run", str(program), "--robot", TWO_WHEELER)

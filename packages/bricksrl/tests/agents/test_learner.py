@@ -33,6 +33,7 @@ from bricksrl.agents.on_policy import OnPolicyLearner
 from bricksrl.agents.replay.buffer import TransitionReplayBuffer, make_replay_buffer
 from bricksrl.agents.replay.learner import ReplayLearner
 from bricksrl.agents.td3 import TD3Loss
+from bricksrl.errors import RunError
 
 
 class Counting(LossModule):  # type: ignore[misc]
@@ -324,6 +325,14 @@ def test_imitator_ignores_own_frames() -> None:
     assert learner.make_updates(3) == {}
     learner.dataset = dataset()
     assert "loss_bc" in learner.make_updates(3)
+
+
+@pytest.mark.parametrize("agent", ["ppo", "random"])
+def test_what_learns_from_no_dataset_refuses_one(agent: str) -> None:
+    learner = make(agent)
+    assert not learner.uses_dataset
+    with pytest.raises(RunError, match="cannot use a dataset; choose another agent"):
+        learner.use_dataset(steps(5))
 
 
 def test_frames_with_lost_link_are_not_stored() -> None:

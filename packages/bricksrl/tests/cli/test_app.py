@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import dataclasses
+import importlib
 import os
 import re
 import shlex
 import subprocess
 import sys
+import typing
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -386,3 +390,28 @@ def test_missing_package_is_named(bricksrl, tmp_path: Path) -> None:
 def test_names_are_whole_in_a_narrow_terminal(bricksrl) -> None:
     told = bricksrl("list", COLUMNS="40").stdout
     assert "RoboArm_mixed-v0" in told and "LineFollow-v0" in told
+
+
+def test_options_that_turn_something_off_say_so() -> None:
+    """The parser puts no- before a flag that is on by default, and keeps its help."""
+    places = [*LINE.commands.values()]
+    for _, commands in LINE.groups.values():
+        places += commands.values()
+    off = {}
+    for place in places:
+        module, _, name = place.partition(":")
+        off |= dict(flags_that_are_on(getattr(importlib.import_module(module), name)))
+    assert {"film", "record"} <= off.keys()
+    for name, text in off.items():
+        assert text.startswith("Do not "), (name, text)
+
+
+def flags_that_are_on(command: type) -> Iterator[tuple[str, str]]:
+    """Flags of a command that are on by default, and their help."""
+    hints = typing.get_type_hints(command, include_extras=True)
+    for field in dataclasses.fields(command):
+        if dataclasses.is_dataclass(field.default):
+            yield from flags_that_are_on(type(field.default))
+        if field.default is True:
+            remarks = hints[field.name].__metadata__
+            yield field.name, next(remark.help for remark in remarks if hasattr(remark, "help"))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 from bricksrl.cli import main
 
 
@@ -20,7 +22,7 @@ def test_errors_print_one_line(fails) -> None:
         "plan",
         "check",
         "no.ldr",
-        says="no.ldr: No such file or directory; name an LDraw file (.ldr, .mpd or .io)",
+        says=f"no.ldr: No such file or directory in {Path.cwd()}; name an LDraw file",
     )
     fails("plan", "parts", "--out", "parts.csv", says="--out needs a plan; name an LDraw file")
     fails("twin", "fit", "nothing.jsonl", says="cannot read the log")
@@ -29,4 +31,5 @@ def test_errors_print_one_line(fails) -> None:
 def test_help_spells_the_command_as_it_was_called(bricksrl) -> None:
     for command in ("plan check", "plan parts", "plan steps", "twin record", "twin fit"):
         told = bricksrl(*command.split(), "--help").stdout
-        assert f"\n  bricksrl {command} " in told and "\n  bricktwin " not in told
+        assert f"\n  bricksrl {command} " in told and "bricktwin" not in told
+    assert "bricktwin" not in bricksrl("twin", "--help").stdout

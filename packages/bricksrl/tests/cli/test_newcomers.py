@@ -77,6 +77,8 @@ WRONG = (
     (("record", "Walker-v9", "--out", "x"), "did you mean 'Walker-v2'?"),
     (("demo", "Walker-v9"), "did you mean 'Walker-v2'?"),
     (("demo", "WalkerSim-v0"), "has no robot to show"),
+    (("play", "nope"), "; or the folder of a run: a folder with a config.json"),
+    (("record", "", "--out", "x"), "the name '' is empty; give one, or leave the option out"),
     (("demo", "--policy", "bset"), "has no policy 'bset'; choose random, scripted"),
     (
         ("list", "\N{EN DASH}json"),
@@ -115,6 +117,28 @@ def test_wrong_words_are_refused_before_torch_is_loaded(refused, words, says):
     code, said, is_torch_loaded = refused[words]
     assert code == 2 and says in said and said.count("\n") == 1, said
     assert not is_torch_loaded
+
+
+ONLY_ROBOT = """
+from brickhub.robot import HubKind, Robot
+ROVER = Robot("rover", HubKind.PRIME)
+"""
+
+
+def test_file_with_a_robot_alone_is_told_from_one_whose_plan_is_missing(
+    fails, tmp_path, monkeypatch
+):
+    monkeypatch.chdir(tmp_path)
+    Path("rover.py").write_text(ONLY_ROBOT)
+    says = "rover.py has no task; `bricksrl new task FILE` writes a file with one; "
+    fails("check", "rover.py", says=f"{says}`bricksrl hub check rover.py --hub virtual` checks")
+    Path("no_plan.py").write_text(ONLY_ROBOT.replace(".PRIME", ".PRIME, plan='rover.ldr'"))
+    fails("check", "no_plan.py", says=f"rover.ldr: No such file or directory in {tmp_path}; name")
+
+
+def test_run_in_place_of_an_environment_is_told(fails, tmp_path):
+    (tmp_path / "config.json").write_text("{}")
+    fails("train", str(tmp_path), says=f"is a run; `bricksrl resume {tmp_path}` goes on with it")
 
 
 def test_more_copies_than_this_computer_has_room_for_are_refused(fails, tmp_path):

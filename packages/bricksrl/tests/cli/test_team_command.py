@@ -150,3 +150,17 @@ def test_invalid_teams_are_one_line(tmp_path: Path, capsys: pytest.CaptureFixtur
         "Tag-v0",
         "Carry-v0",
     ]
+
+
+@pytest.mark.parametrize(
+    ("wrong", "says"),
+    [
+        (("--frames", "0"), "frames is 0; give a whole number from 1 to 1000000000"),
+        (("--copies", "-3"), "copies is -3; give a whole number from 0 to 65536"),
+    ],
+)
+def test_wrong_number_is_named(
+    capsys: pytest.CaptureFixture[str], wrong: tuple[str, str], says: str
+) -> None:
+    assert run(["team", "Tag-v0", *wrong]) == 2
+    assert capsys.readouterr().err == f"error: {says}\n"

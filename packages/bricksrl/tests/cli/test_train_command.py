@@ -77,7 +77,7 @@ def test_options_are_passed_to_run(tmp_path):
             is asynchronous
         )
     config = parse(
-        ("train", "Walker-v0", "--hub", "ble:Robbie", "--patience", "7", "--log", "wandb")
+        ("train", "Walker-v0", "--hub", "ble:Robbie", "--patience-s", "7", "--log", "wandb")
     ).config("Walker-v0")
     assert (config.hub, config.asynchronous, config.patience_s, config.log) == (
         "ble:Robbie",
@@ -106,7 +106,7 @@ def test_existing_folder_is_unchanged(fails, trained):
         (("RunAway-v0", "--settings", "no-such-file.json"), "no-such-file.json"),
         (("RunAway-v0", "--hub", "wifi"), "wifi"),
         (("RunAway-v0", "--synchronous", "--asynchronous"), "choose one"),
-        (("RunAway-v0", "--patience", "-1"), "patience"),
+        (("RunAway-v0", "--patience-s", "-1"), "patience_s"),
         (("RunAway-v0", "--seeds", "1"), "seeds"),
         (("RunAway-v0", "--resume", "runs/spin"), "--resume"),
         (

@@ -270,11 +270,8 @@ def test_lost_scout_reward_for_turning_back() -> None:
 @pytest.mark.parametrize("heading_deg", LINE_FOLLOW.scene.heading_deg)
 def test_scout_driving_straight_loses_line_to_the_left(heading_deg: float) -> None:
     spots = [FloorPose(heading_deg=heading_deg).driven(way_mm, 0.0) for way_mm in range(60, 400, 5)]
-    assert (
-        not LINE_FOLLOW.scene.objects[0]
-        .covers(np.array([(spot.x_mm, spot.y_mm) for spot in spots]))
-        .any()
-    )
+    line = LINE_FOLLOW.scene.marks[0]
+    assert all(line.beyond_mm(spot.x_mm, spot.y_mm) > 0.0 for spot in spots)
 
 
 def test_scout_that_drives_straight_on_sees_the_bare_floor() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import random
 import re
 from dataclasses import replace
@@ -105,6 +106,19 @@ def test_wrong_environments_fail_check(change: dict[str, object], name: str, say
     assert outcome is Outcome.ERROR
     assert says in detail
     assert "\n" not in detail
+
+
+def test_only_findings_are_printed(capfd: pytest.CaptureFixture[str]) -> None:
+    """TorchRL's own log writes on standard output."""
+    logger = logging.getLogger("torchrl")
+    before = logger.level
+    logger.setLevel(logging.INFO)
+    try:
+        assert all(finding.outcome is not Outcome.ERROR for finding in check_env("RoboArmSim-v0"))
+        assert logger.level == logging.INFO
+    finally:
+        logger.setLevel(before)
+    assert capfd.readouterr() == ("", "")
 
 
 def test_unresponsive_observation_fails_check() -> None:

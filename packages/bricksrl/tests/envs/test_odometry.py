@@ -12,7 +12,7 @@ from tensordict import TensorDict
 import bricksrl
 from bricksrl.envs.odometry import SonarOdometer, TrueOdometer
 from bricksrl.envs.registry import get_task
-from bricktwin.twin.mujoco_body import Pose
+from bricktwin.twin.standing import Pose
 
 NOTHING = np.zeros(7, dtype=np.float32)
 

@@ -109,7 +109,7 @@ def test_all_of_an_arena_is_seen_with_buttons_of_one_height(
         with tab(browser, page.url, width, height) as visitor:
             visitor.wait_for_selector("#scene[data-frames]")
             box = visitor.locator("#scene").bounding_box()
-            view = page.view._current.scene.view
+            view = page.view._current.drawing.view
             ratio = box["width"] / box["height"]
             pitch = np.radians(view.pitch_deg)
             focal = 1 / np.tan(0.65 / 2) * min(1.0, ratio / view.ratio)

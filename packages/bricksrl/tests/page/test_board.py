@@ -10,20 +10,20 @@ import numpy as np
 from brickhub.entry import Entry
 from bricksrl.page.board import IMAGE, POSES, Board, BoardReader, Series, to_json
 from bricksrl.page.live import PageDriver, stick_map
-from bricksrl.page.scene import Scene, SceneBody, Shape, box, poses
+from bricktwin.view.drawing import Drawing, DrawnBody, Shape, box, poses
 
 
 def test_reader_gets_snapshot_then_changes() -> None:
     board = Board()
-    scene = Scene((SceneBody("cube", (Shape(box((1.0, 1.0, 1.0)), (1.0, 0.0, 0.0, 1.0)),)),))
-    board.show_scene(scene, poses([[0, 0, 1]]))
+    drawing = Drawing((DrawnBody("cube", (Shape(box((1.0, 1.0, 1.0)), (1.0, 0.0, 0.0, 1.0)),)),))
+    board.show_drawing(drawing, poses([[0, 0, 1]]))
     board.update_status(state="running")
     series = board.new_series("reward", ("reward",))
     series.add((0.5,))
     reader = BoardReader(board)
     news = reader.changes(numbers=True)
     assert (
-        news[0] == {"scene": 1}
+        news[0] == {"drawing": 1}
         and news[1][0] == POSES
         and news[2] == {"status": {"state": "running"}}
     )

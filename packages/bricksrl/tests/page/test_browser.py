@@ -25,13 +25,13 @@ from bricksrl.page.board import Board
 from bricksrl.page.live import LivePage
 from bricksrl.page.play import play_on_page, resting_player
 from bricksrl.page.program import ProgramPage
-from bricksrl.page.robot_view import Mirror
-from bricksrl.page.scene import View
 from bricksrl.page.server import PageServer
 from bricksrl.policies.policy import random_player
 from bricktwin.twin.make_body import make_body
 from bricktwin.twin.objects import COLORS, Field, Line, Mark
-from bricktwin.twin.scene import Scene as Surroundings
+from bricktwin.twin.scene import Scene
+from bricktwin.view.drawing import View
+from bricktwin.view.mirror import Mirror
 
 pytestmark = pytest.mark.realtime
 
@@ -326,7 +326,7 @@ def test_access_without_token_is_denied(played: Played) -> None:
     base = played.page.url.partition("?")[0]
     requests = [
         urllib.request.Request(base),
-        urllib.request.Request(f"{base}scene.bin"),
+        urllib.request.Request(f"{base}drawing.json"),
         urllib.request.Request(f"{base}page.js"),
     ]
     requests.append(urllib.request.Request(f"{base}?token=wrong"))
@@ -433,7 +433,7 @@ def test_no_floor_is_drawn_before_the_robot(browser: object, played: Played) -> 
     def hold(route: object) -> None:
         held.append(route)
 
-    page.route("**/scene.bin*", hold)
+    page.route("**/drawing.json*", hold)
     page.goto(played.page.url)
     page.wait_for_selector("#facts span")
     page.wait_for_timeout(1_500)  # poses come with the facts
@@ -497,7 +497,7 @@ def test_wall_is_pulled_against_the_robot(browser: object, width: int, height: i
         box = page.locator("#scene").bounding_box()
         page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
         page.mouse.wheel(0, 600)  # farther away, so that more of the wall is seen
-        number = [body.name for body in played.page.view._current.scene.bodies].index("wall")
+        number = [body.name for body in played.page.view._current.drawing.bodies].index("wall")
         for y in np.arange(0.15, 0.95, 0.04):
             page.mouse.move(box["x"] + 0.7 * box["width"], box["y"] + y * box["height"])
             page.mouse.down()
@@ -600,7 +600,8 @@ def hits(pixels: np.ndarray, marks: Sequence[Mark], view: View) -> tuple[int, in
     uppermost = np.full(len(rows), -1)
     for number, mark in enumerate(marks):
         around = [
-            mark.covers(floor_mm + shift) for shift in ((0, 0), (6, 0), (-6, 0), (0, 6), (0, -6))
+            [mark.beyond_mm(x, y) <= 0.0 for x, y in (floor_mm + shift).tolist()]
+            for shift in ((0, 0), (6, 0), (-6, 0), (0, 6), (0, -6))
         ]
         uppermost[np.logical_or.reduce(around)] = -1  # an edge
         uppermost[np.logical_and.reduce(around)] = number
@@ -619,7 +620,7 @@ def hits(pixels: np.ndarray, marks: Sequence[Mark], view: View) -> tuple[int, in
 def test_what_lies_on_the_floor_is_seen_wherever_the_robot_is(browser: object, name: str) -> None:
     task = get_task("LineFollow-v0")
     marks = MAT if name == "mat" else task.scene.marks
-    mirror, board = Mirror(make_body(task.robot, scene=Surroundings(objects=marks))), Board()
+    mirror, board = Mirror(make_body(task.robot, scene=Scene(objects=marks))), Board()
     qpos = mirror.body.data.qpos.copy()
     qpos[:2] = 0.217, -0.331
     with (
@@ -631,7 +632,7 @@ def test_what_lies_on_the_floor_is_seen_wherever_the_robot_is(browser: object, n
             page.set_viewport_size({"width": width, "height": height})
             view = View((0.217, -0.331, 0.05), 0.75, -55.0 + 40 * number, 25.0)
             page.evaluate("scene.dataset.frames = 0")
-            board.show_scene(replace(mirror.scene, view=view), mirror.poses(qpos))
+            board.show_drawing(replace(mirror.drawing, view=view), mirror.poses(qpos))
             until(lambda: page.evaluate("scene.dataset.frames !== '0'"), "it is drawn")
             page.wait_for_timeout(600)
             picture = Image.open(io.BytesIO(page.locator("#scene").screenshot())).convert("RGB")

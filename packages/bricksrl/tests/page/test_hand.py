@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from bricksrl.page.hand import Hand
-from bricksrl.page.robot_view import Mirror
 from bricktwin.robots import TWO_WHEELER, WALKER
 from bricktwin.twin.make_body import make_body
 from bricktwin.twin.objects import Block
 from bricktwin.twin.scene import OPEN_FLOOR, Scene
+from bricktwin.view.mirror import Mirror
 
 CUP = Scene(objects=(Block((300.0, 0.0), (60.0, 60.0, 80.0), mass_g=40.0, round=True),))
 
@@ -24,7 +24,7 @@ def pulled(robot, scene, name: str, to_m: tuple[float, float], value=None):
         Mirror(make_body(robot, scene=scene)),
         Hand(),
     )
-    number = [one.name for one in mirror.scene.bodies].index(name)
+    number = [one.name for one in mirror.drawing.bodies].index(name)
     for time_ms in range(5, 1000, 5):
         hand.pull([number, *to_m] if value is None else value)
         hand.act(body, mirror.numbers)
@@ -73,7 +73,7 @@ def test_wall_keeps_its_grip_pushes_the_robot_and_is_put_back() -> None:
         Mirror(make_body(TWO_WHEELER, scene=scene)),
         Hand(),
     )
-    number = [one.name for one in mirror.scene.bodies].index("wall")
+    number = [one.name for one in mirror.drawing.bodies].index("wall")
     body.reset(np.random.default_rng(0))
     robot_m, wall_m = body.data.qpos[:2].copy(), body.data.mocap_pos[0].copy()
     for time_ms in range(5, 1500, 5):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import struct
 import urllib.request
 from pathlib import Path
 
@@ -94,12 +93,10 @@ def test_plan_without_parts_raises() -> None:
 
 
 @pytest.mark.realtime
-def test_the_page_serves_its_scene() -> None:
+def test_the_page_serves_its_drawing() -> None:
     with PlanView(read_plan(PLANS / "two_wheeler.ldr"), PageOptions(page_port=0)) as shown:
-        address = shown.url.replace("/?", "/scene.bin?")
+        address = shown.url.replace("/?", "/drawing.json?")
         with urllib.request.urlopen(address, timeout=20) as answer:
-            data = answer.read()
-    (length,) = struct.unpack("<I", data[:4])
-    header = json.loads(data[4 : 4 + length])
-    assert len(header["bodies"]) == 36
-    assert len(header["meshes"]) < 36
+            drawing = json.loads(answer.read())
+    assert len(drawing["bodies"]) == 36
+    assert len(drawing["meshes"]) < 36

@@ -63,7 +63,7 @@ def test_program_is_shown_and_stopped(tmp_path: Path) -> None:
         status = page.board.status[1]
     assert code == 0 and "stopped" in said.getvalue(), "also a program that takes no SystemExit"
     assert status["state"] == "stopped" and status["controls"] == ["stop", "speed", "pull"]
-    assert page.board.scene[0] == 1
+    assert page.board.drawing[0] == 1
 
 
 def test_used_port_raises() -> None:

@@ -298,7 +298,7 @@ def test_warm_start_of_other_settings_raises(config: TrainConfig, tmp_path: Path
     )
     with pytest.raises(CheckpointError, match="run is iql's, not crossq's; "):
         train(replace(wanted, agent="crossq", settings=tiny("crossq")), env=Cart())
-    with pytest.raises(CheckpointError, match="has other settings"):
+    with pytest.raises(CheckpointError, match=r"has other settings: gamma 0\.95, not 0\.5; go"):
         train(replace(wanted, settings=tiny("iql", gamma=0.5)), env=Cart())
     with pytest.raises(RunError, match="no run in"):
         train(replace(wanted, start=str(tmp_path / "nowhere")), env=Cart())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import shutil
 import threading
 from pathlib import Path
 
@@ -112,6 +113,20 @@ def test_lost_episode_is_recorded_as_aborted(tmp_path: Path) -> None:
     assert recorded == [
         (episode.length, not episode.link_lost) for episode in result.episodes
     ] and recorded[2] == (3, False)
+
+
+def test_record_that_lost_episodes_says_so(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    train(config(tmp_path / "run", 2), env=Cart())
+    resume(tmp_path / "run", episodes=3, env=Cart())
+    assert not caplog.records
+    shutil.rmtree(tmp_path / "run/data")
+    resume(tmp_path / "run", episodes=4, env=Cart())
+    assert f"{tmp_path / 'run/data'} has 0 of the 3 episodes of this run" in caplog.text
+    caplog.clear()
+    resume(tmp_path / "run", episodes=5, env=Cart())
+    assert not caplog.records, "it goes on with what is there now"
 
 
 def test_agent_learns_from_intervention(tmp_path: Path) -> None:

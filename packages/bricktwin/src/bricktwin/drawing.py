@@ -15,7 +15,7 @@ def import_matplotlib() -> None:
     try:
         matplotlib = importlib.import_module("matplotlib")
         if backend is not None:
-            # What the user asked for, unless Matplotlib does not know it.
+            # A backend that the user asked for is kept, unless this Matplotlib does not know it.
             with contextlib.suppress(ValueError):
                 matplotlib.rcParams["backend"] = backend
     finally:

@@ -65,8 +65,8 @@ def kept(
             return decode(data)
     made = make()
     if path is not None and next(_written) < _MAX_WRITTEN:
-        # A source, or a module that was imported to make it, may have changed meanwhile: what was
-        # made would stand under the wrong digest.
+        # A source, or a module that was imported to make the result, may have changed in the
+        # meantime. The result would then be kept under the wrong digest.
         _code.cache_clear()
         if path == _path(sources):
             _write(path, encode(made))
@@ -80,10 +80,14 @@ def described(value: object) -> bytes:
 
 
 def _plain(value: object) -> list[object]:
-    """An enum or a dataclass of ours, in JSON."""
+    """Bytes, an enum or a dataclass of ours, in JSON."""
+    if isinstance(value, bytes):
+        # Pixels of a picture are megabytes.
+        return ["bytes", hashlib.sha256(value).hexdigest()]
     kind = type(value)
     name = f"{kind.__module__}.{kind.__qualname__}"
-    # Of our own types only the digest of our code says what they mean.
+    # Only our own types are described by name: the digest of our code covers what they mean, but no
+    # other package's.
     package, _, _ = kind.__module__.partition(".")
     if package in {house.__name__ for house in _HOUSES}:
         if isinstance(value, enum.Enum):
@@ -103,7 +107,7 @@ def _path(sources: Callable[[], Iterable[bytes]]) -> Path | None:
         digest = _digest((code, *sources()))
         return user_cache() / "kept" / digest.hex()
     except (OSError, RuntimeError, UnkeptError) as error:
-        # RuntimeError: the user has no home.
+        # RuntimeError is raised for a user without a home.
         _log.debug("not kept: %s", error)
         return None
 
@@ -120,11 +124,13 @@ def _code() -> bytes | None:
         for house in _HOUSES:
             paths += sorted(Path(house.__path__[0]).rglob("*"))
         for path in paths:
-            # All but what Python itself writes: which files matter is nothing to keep a list of.
+            # Everything counts but what Python itself writes, so there is no list of the files that
+            # matter to keep up to date.
             if path.parent.name == "__pycache__" or not path.is_file():
                 continue
-            # The time of the last change of any kind: tools that copy or unpack files set that
-            # of their content. (On Windows the first one is that of the file's making.)
+            # Tools that copy or unpack files set `st_mtime` to that of the original, so `st_ctime`,
+            # the last change of any kind, is compared too. (On Windows it is when the file was
+            # made.)
             state = path.stat()
             if max(state.st_ctime_ns, state.st_mtime_ns) > loaded_ns:
                 return None
@@ -132,7 +138,7 @@ def _code() -> bytes | None:
     except OSError:
         return None
     if len(texts) == 1:
-        # The packages are in a zip, whose files have no paths.
+        # Without any file the packages are in a zip, whose members have no paths.
         return None
     return _digest(texts)
 
@@ -141,7 +147,7 @@ def _digest(texts: Iterable[bytes]) -> bytes:
     """SHA-256 of a sequence."""
     digest = hashlib.sha256()
     for text in texts:
-        # With its length: "ab", "c" and "a", "bc" are two sequences.
+        # The length goes in front, because "ab", "c" and "a", "bc" are two sequences.
         digest.update(len(text).to_bytes(8, "big") + text)
     return digest.digest()
 
@@ -157,7 +163,7 @@ def _read(path: Path) -> bytes | None:
     if hashlib.sha256(data).digest() != checksum:
         _log.debug("%s is damaged", path)
         return None
-    # Now it was used, which keeps it longer.
+    # The time of the file is when it was last used, by which the oldest are removed.
     with contextlib.suppress(OSError):
         os.utime(path)
     return data
@@ -176,5 +182,5 @@ def _write(path: Path, data: bytes) -> None:
             left_bytes -= states[file].st_size
             file.unlink(missing_ok=True)
     except OSError as error:
-        # Also of two processes that do this at once.
+        # Two processes that remove files at once may end here too.
         _log.debug("not kept: %s", error)

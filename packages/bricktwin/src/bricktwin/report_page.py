@@ -27,7 +27,7 @@ def plain_number(value: float, digits: int = 4) -> str:
     Digits before the decimal point are all kept: 12345.6 is "12346".
     """
     if value == 0.0:
-        # -0.0 equals 0.0, and must not show its minus.
+        # -0.0 equals 0.0, and must not show its minus sign.
         return "0"
     if not math.isfinite(value):
         return f"{value:g}"
@@ -35,6 +35,6 @@ def plain_number(value: float, digits: int = 4) -> str:
     decimals = max(0, digits - 1 - leading)
     text = f"{value:.{decimals}f}"
     if "." not in text:
-        # The zeros of 1200 are digits.
+        # Only zeros behind the point go, because those of 1200 are digits of the number.
         return text
     return text.rstrip("0").rstrip(".")

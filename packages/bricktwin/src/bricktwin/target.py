@@ -1,10 +1,12 @@
 """Targets with a body: our robots, robots in the user's files, and building plans."""
 
+import re
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 from typing import Any
 
-from brickhub.errors import DescriptionError, TwinError, UnknownNameError
+from brickhub.errors import DescriptionError, TwinError, UnknownNameError, hint
 from brickhub.robot import Robot
 from brickhub.target import Target, find_in_files, whole_interface
 from brickhub.user_files import is_reference, load_object, objects_in, without_name
@@ -12,7 +14,14 @@ from brickhub.virtual.body import Body
 from bricktwin import robots
 from bricktwin.robots.planned import completed, is_plan, robot_of_plan
 from bricktwin.twin.make_body import lies_on_bench, make_body
+from bricktwin.twin.picture import read_picture
 from bricktwin.twin.scene import Scene
+from bricktwin.worlds import WORLDS, world
+from bricktwin.worlds.games import TABLE_MM, table
+
+_PICTURES = (".png", ".jpg", ".jpeg", ".gif", ".bmp", ".webp")
+_TABLE = "fll"
+"""Size of a picture that stands for the table of FIRST LEGO League."""
 
 
 def find(name: str) -> Target:
@@ -35,7 +44,7 @@ def _in_scene(target: Target, reference: str) -> Target:
     scenes = objects_in(reference, Scene)
     file = without_name(reference)
     named = [name for name in scenes if name.isidentifier()]
-    # What has a name goes before what is only in a list or a dictionary.
+    # A robot with a name of its own goes before one that is only in a list or a dictionary.
     candidates = named or list(scenes)
     if len(candidates) == 1:
         taken = candidates[0]
@@ -49,7 +58,7 @@ def _in_scene(target: Target, reference: str) -> Target:
             scene=scene,
             note=note if others else "",
         )
-    # Of several, none is the right one by itself: the user is told how to name one.
+    # Several robots are offered and none is the default, so the message tells how to name one.
     note = ""
     if scenes:
         first = candidates[0]
@@ -61,18 +70,56 @@ def _in_scene(target: Target, reference: str) -> Target:
 
 
 def load_scene(reference: str) -> Scene:
-    """The scene that a user names: ``my_robot.py:ARENA``, or a file with a single one. Raises
-    UnknownNameError if there is none, DescriptionError if the file is wrong, or what is named is no
-    scene."""
+    """The scene that a user names: one of our worlds; a picture with its size, ``mat.png:fll``;
+    ``my_robot.py:ARENA``, or a file with a single one.
+
+    Raises UnknownNameError if there is none, DescriptionError if the file is wrong, or what is
+    named is no scene, TwinError if the picture cannot be the floor.
+    """
+    if reference in WORLDS:
+        return world(reference)
+    if is_picture(reference):
+        return _scene_of_picture(reference)
     if not is_reference(reference):
         raise UnknownNameError(
-            f"'{reference}' is not a scene; name a Python file with one, such as my_scene.py or "
-            "my_scene.py:MAT"
+            f"'{reference}' is not a scene{hint(reference, WORLDS)}; choose {', '.join(WORLDS)}, "
+            "or name a Python file with one, such as my_scene.py or my_scene.py:MAT, or a picture, "
+            "mat.png:fll or mat.png:1000x700"
         )
     scene = load_object(reference, Scene)
     if not isinstance(scene, Scene):
         raise DescriptionError(f"{reference} is not a scene; name a Scene that is written there")
     return scene
+
+
+def is_picture(reference: str) -> bool:
+    """Whether this names an image file, with or without its size."""
+    file, _, _ = reference.rpartition(":")
+    return any(name.lower().endswith(_PICTURES) for name in (reference, file))
+
+
+def picture_and_size(reference: str) -> tuple[Path, tuple[float, float]]:
+    """Image file and size (mm) of ``mat.png:2362x1143`` or ``mat.png:fll``. Raises
+    DescriptionError without a size."""
+    file, _, size = reference.rpartition(":")
+    sides = re.fullmatch(r"(\d+(?:\.\d+)?)x(\d+(?:\.\d+)?)", size)
+    if size == _TABLE:
+        return Path(file), TABLE_MM
+    if sides is None:
+        path = reference if reference.lower().endswith(_PICTURES) else file
+        raise DescriptionError(
+            f"how large is {path} on the floor? Give width and height in mm, {path}:1000x700, or "
+            f"{path}:{_TABLE} for the table of FIRST LEGO League"
+        )
+    return Path(file), (float(sides[1]), float(sides[2]))
+
+
+def _scene_of_picture(reference: str) -> Scene:
+    path, size_mm = picture_and_size(reference)
+    picture = read_picture(path, size_mm)
+    if reference.endswith(f":{_TABLE}"):
+        return table(picture)
+    return Scene(objects=(picture,))
 
 
 def body_of(

@@ -105,7 +105,7 @@ def test_robot_in_a_users_file_has_a_body(bricktwin, program: Path, tmp_path: Pa
                 "or name a file"
             ),
         ),
-        (("--robot", "rover.ldr"), "rover.ldr: No such file or directory; name an LDraw file"),
+        (("--robot", "rover.ldr"), "rover.ldr: No such file or directory in"),
         (("--robot", "nowhere.py"), "no file nowhere.py"),
         (("--robot", "walker", "--reading", "B=red"), "--robot bench"),
         (("--robot", "bench", "--video", "a.mp4"), "nothing to see of robot 'bench'"),
@@ -203,7 +203,7 @@ def test_scene_in_a_list_is_taken_or_named(bricktwin, tmp_path, monkeypatch, sce
             ("--robot", "rover.py", "--scene", "rover.py:CAR"),
             "rover.py:CAR is not a scene; name a Scene",
         ),
-        (("--robot", "rover.py", "--scene", "mat"), "'mat' is not a scene; name a Python file"),
+        (("--robot", "rover.py", "--scene", "mat"), "'mat' is not a scene; choose line-simple"),
         (
             ("--robot", "bench", "--scene", "rover.py"),
             "'bench' lies on the bench, which is in no scene",

@@ -11,6 +11,7 @@ import pytest
 from bricktwin.cli import main
 from bricktwin.robots import plans
 
+NAME_A_PLAN = "name an LDraw file (.ldr, .mpd or .io)"
 PLAN = str(Path(plans.__path__[0]) / "two_wheeler.ldr")
 
 
@@ -146,7 +147,7 @@ def test_the_catalogue(bricktwin):
     [
         (
             ["check", "no.ldr"],
-            "error: no.ldr: No such file or directory; name an LDraw file (.ldr, .mpd or .io)",
+            f"error: no.ldr: No such file or directory in {Path.cwd()}; {NAME_A_PLAN}",
         ),
         (
             ["steps", PLAN, "--out", "plan.doc"],

@@ -54,16 +54,16 @@ def test_gears_follow_from_plan_unless_given():
     [
         (
             {"motors": (Motor("left", "A"),)},
-            "line 19: port A has .* 'right', but .* 'left'; make both agree",
+            "line 19: port A has .* 'right' in the plan, but .* calls it 'left'; make both agree",
         ),
         ({"motors": (Motor("nose"),)}, r"'nose' has no port, and .* \(it has: right, left\)"),
         (
             {"motors": (Motor("right", "A", gears=(12, 36)),)},
-            r"has gears \(12, 36\) .* but no gears in the plan",
+            r"has gears \(12, 36\), but the plan has no gears",
         ),
         (
             {"motors": (Motor("right", "A", kind=MotorKind.SPIKE_LARGE),)},
-            "'right', a spike-large; make both agree",
+            "has 'right' there, a spike-large; make both agree",
         ),
         (
             {"drive_base": DriveBase("left", "right", 62.0)},
@@ -73,7 +73,7 @@ def test_gears_follow_from_plan_unless_given():
             {"drive_base": DriveBase("left", "right", 0.0, 112.0)},
             "130.0 mm apart, but mine says 112",
         ),
-        ({"sensors": (UltrasonicSensor("ears", "C"),)}, "'eyes', but .* 'ears'"),
+        ({"sensors": (UltrasonicSensor("ears", "C"),)}, "'eyes' in the plan, but .* 'ears'"),
     ],
 )
 def test_contradictions_to_plan_raise(said, says):

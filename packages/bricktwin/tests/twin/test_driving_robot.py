@@ -51,6 +51,10 @@ ROVER = Robot(
 )
 
 
+def covered(mark: Line | Field, *points: tuple[float, float]) -> list[bool]:
+    return [mark.beyond_mm(x, y) <= 0.0 for x, y in points]
+
+
 def placed(scene: Scene = OPEN_FLOOR, robot: Robot = ROVER, **physics: float) -> MujocoBody:
     body = make_body(robot, scene=scene, physics=replace(QUIET, **physics))
     assert isinstance(body, MujocoBody)
@@ -223,26 +227,37 @@ def test_colour_edge_is_mixed_and_top_counts() -> None:
         _, _, value = placed(Scene(objects=objects)).sensed("C", Sense.SURFACE)
         assert value == pytest.approx(expected, abs=6), objects
     turned = Field((60, 0), (400, 10), "red", heading_deg=90)
-    assert turned.covers(np.array([(60.0, 150.0), (150.0, 0.0)])).tolist() == [True, False]
+    assert covered(turned, (60.0, 150.0), (150.0, 0.0)) == [True, False]
     disc = Field((0, 0), (100, 60), round=True)
-    assert disc.covers(np.array([(49.0, 0.0), (0.0, 29.0), (45.0, 25.0)])).tolist() == [
-        True,
-        True,
-        False,
-    ]
+    assert covered(disc, (49.0, 0.0), (0.0, 29.0), (45.0, 25.0)) == [True, True, False]
 
 
 def test_line_can_be_followed() -> None:
     line = Line(oval(800, 400), width_mm=20, closed=True)
-    along = np.array([(0.0, 0.0), (399.0, 200.0), (0.0, 400.0), (-399.0, 200.0), (-100.0, 0.0)])
-    assert line.covers(along).all() and not line.covers(along * 1.1 + (0.0, 25.0)).any()
-    assert not Line(((0, 0), (100, 0), (100, 100))).covers(np.array([(50.0, 50.0)])).any(), (
-        "it is not closed"
-    )
+    along = [(0.0, 0.0), (399.0, 200.0), (0.0, 400.0), (-399.0, 200.0), (-100.0, 0.0)]
+    beside = [(x * 1.1, y * 1.1 + 25.0) for x, y in along]
+    assert all(covered(line, *along)) and not any(covered(line, *beside))
+    assert covered(Line(((0, 0), (100, 0), (100, 100))), (50.0, 50.0)) == [False], "it is open"
     twice = Line(((0, 0), (0, 0), (100, 0)), width_mm=20)
-    assert twice.covers(
-        np.array([(0.0, 10.1), (0.0, 9.9), (100.0, -9.9), (110.1, 0.0)])
-    ).tolist() == [False, True, True, False]
+    points = ((0.0, 10.1), (0.0, 9.9), (100.0, -9.9), (110.1, 0.0))
+    assert covered(twice, *points) == [False, True, True, False]
+
+
+@pytest.mark.parametrize(
+    "mark",
+    [
+        Line(oval(800, 400), width_mm=20, closed=True),
+        Line(((0, 0), (100, 300), (-200, 350)), width_mm=90),
+        Field((30, 40), (200, 100), heading_deg=33),
+        Field((30, 40), (200, 100), heading_deg=33, round=True),
+    ],
+)
+def test_mark_is_never_farther_than_it_says(mark: Line | Field) -> None:
+    """A sensor looks no closer at what is beyond its spot, or all around it."""
+    rng = np.random.default_rng(0)
+    for x, y, way_x, way_y in rng.uniform(-300.0, 500.0, (400, 4)).tolist():
+        steepness = abs(mark.beyond_mm(x, y) - mark.beyond_mm(x + way_x, y + way_y))
+        assert steepness <= math.hypot(way_x, way_y) + 1e-9
 
 
 def test_reflection_decreases_with_distance() -> None:
@@ -396,7 +411,7 @@ def test_invalid_objects_raise(wrong: Any, says: str) -> None:
 
 def test_lists_of_objects_and_of_points_are_taken() -> None:
     line = Line([[0, 0], [100, 0], [100, 100]], closed=True)  # type: ignore[arg-type,list-item]
-    assert line == Line(((0, 0), (100, 0), (100, 100)), closed=True) and len(line.ends_mm[0]) == 3
+    assert line == Line(((0, 0), (100, 0), (100, 100)), closed=True) and len(line.segments_mm) == 3
     assert Scene(objects=[line]) == Scene(objects=(line,))  # type: ignore[arg-type]
 
 

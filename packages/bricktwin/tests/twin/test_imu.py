@@ -22,7 +22,7 @@ def test_turns_about_two_axes_of_the_hub() -> None:
     for axis in ((0.0, 0.0, 1.0), (1.0, 0.0, 0.0)):
         for _ in range(18):
             mujoco.mju_quatIntegrate(orientation, np.array(axis), np.radians(5.0))
-            turns.update(orientation)
+            turns.update(tuple(orientation.tolist()))
     assert np.degrees(turns.rotation_rad) == pytest.approx([90.0, 0.0, 90.0])
     assert turns.heading_deg == pytest.approx(-90.0)
 

@@ -14,9 +14,10 @@ from brickhub.errors import TwinError
 from brickhub.robot import Robot
 from bricktwin.robots import ROBO_ARM, TWO_WHEELER, WALKER
 from bricktwin.twin.arena import Arena, ArenaWorld, Contestant, Place
+from bricktwin.twin.model_physics import SIDE_LOAD_OFFSET_M
 from bricktwin.twin.models.load import load_model
 from bricktwin.twin.models.motors import motor_constants
-from bricktwin.twin.mujoco_body import SIDE_LOAD_OFFSET_M, MujocoBody
+from bricktwin.twin.mujoco_body import MujocoBody
 from bricktwin.twin.physics import Physics, RandomPhysics
 from bricktwin.twin.scene import OPEN_FLOOR, Scene
 
@@ -150,10 +151,10 @@ def test_all_robots_of_an_arena_get_the_physics() -> None:
     arena = Arena(
         tuple(Contestant(name, TWO_WHEELER, Place(x_m=(x_m, x_m))) for x_m, name in enumerate("ab"))
     )
-    nominal = ArenaWorld(arena).model
+    nominal = ArenaWorld(arena).engine.model
     changed = ArenaWorld(
         arena, Physics(slope_deg=5.0, side_load_g=50.0, motor_1_scale=0.7, motor_friction_scale=2.0)
-    ).model
+    ).engine.model
     assert changed.body_mass.sum() == pytest.approx(nominal.body_mass.sum() + 0.1)
     assert changed.opt.gravity[0] == pytest.approx(-9.81 * math.sin(math.radians(5.0)))
     for name in ("a", "b"):

@@ -245,7 +245,7 @@ class TestPhysics:
         """Two blocked motors draw voltage by resistance each; the firmware's average follows in 0.6
         s."""
         robot = body(physics=quiet(battery_ohm=0.4))
-        robot.model.dof_armature[robot.shaft_dofs] = 1e6
+        robot.model.dof_armature[robot.motors.dofs] = 1e6
         now_ms = drive(robot, -9000, 9000, for_ms=20)
         assert robot.battery_mv > 7950
         drive(robot, -9000, 9000, start_ms=now_ms, for_ms=4000)

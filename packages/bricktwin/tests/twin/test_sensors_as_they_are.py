@@ -11,10 +11,11 @@ import pytest
 
 from brickhub.virtual.run import run_file
 from bricktwin.robots import TWO_WHEELER, WALKER
-from bricktwin.twin.mujoco_body import MujocoBody, Pose
+from bricktwin.twin.mujoco_body import MujocoBody
 from bricktwin.twin.objects import Block, Ramp, Wall
 from bricktwin.twin.physics import Physics, RandomPhysics
 from bricktwin.twin.scene import OPEN_FLOOR, Scene
+from bricktwin.twin.standing import Pose
 
 QUIET = Physics(
     distance_noise_mm=0,

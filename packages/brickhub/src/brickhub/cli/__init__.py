@@ -44,9 +44,9 @@ def start(table: str, arguments: Sequence[str] | None = None) -> int:
     """Run one command of a module's ``LINE`` in a terminal of any kind, and return its exit code:
     0, 1 for a hub program that failed, 2 for an error, 130 for Ctrl-C. ``arguments`` are those of
     the process by default."""
-    # Before anything else is imported, so that a Ctrl-C in the first moments prints no traceback.
+    # This comes before any other import, so that a Ctrl-C in the first moments prints no traceback.
     before = ending_at_once() if arguments is None else {}
-    # The help texts are docstrings.
+    # The help texts are docstrings, which -OO leaves out.
     if sys.flags.optimize > 1:
         sys.stderr.write(
             "error: Python leaves docstrings out (-OO); unset PYTHONOPTIMIZE or set it to 1\n"
@@ -54,20 +54,21 @@ def start(table: str, arguments: Sequence[str] | None = None) -> int:
         return 2
     collect_rarely()
     _prepare_terminal()
-    # Called by a program, which has signals and an end of its own.
+    # A program that calls this has signals and an end of its own.
     if arguments is not None:
         return _run(table, arguments, None)
-    # Processes started from here import nothing from the present folder by themselves.
+    # Processes that are started from here must not import from the present folder by accident.
     os.environ["PYTHONSAFEPATH"] = "1"
     from brickhub.cli.ending import ended_in_time
     from brickhub.options import SavesNothing
 
     with ended_in_time() as end:
-        # Once more, as entering this context has set handlers: the command is imported only now.
+        # This is done once more, because entering the context has set handlers and the command is
+        # imported only now.
         at_once = ending_at_once()
 
         def begin(command: ParsedCommand) -> None:
-            """What is executed ends in order, and saves."""
+            """Let the command end in order from here on, and save."""
             end.saves = not isinstance(command, SavesNothing)
             for number in at_once:
                 signal.signal(number, signal.default_int_handler)
@@ -75,13 +76,13 @@ def start(table: str, arguments: Sequence[str] | None = None) -> int:
         try:
             code = _run(table, sys.argv[1:], begin)
             end.is_said.set()
-            # A Ctrl-C from here on has come too late.
+            # A Ctrl-C after the last line comes too late to end anything.
             if signal.SIGINT in at_once:
                 signal.signal(signal.SIGINT, signal.SIG_IGN)
         except OSError:
             if not end.is_asked.is_set():
                 raise
-            # The terminal is closed, and nobody reads what we say.
+            # The terminal is closed, so nobody reads what could be said.
             code = INTERRUPTED
         if code == INTERRUPTED or end.is_asked.is_set():
             _leave(code)
@@ -93,16 +94,16 @@ def start(table: str, arguments: Sequence[str] | None = None) -> int:
 
 def _prepare_terminal() -> None:
     """Make the terminal one that takes all that we print."""
-    # Tables this narrow are unreadable.
+    # Narrower tables are unreadable, so such a width is ignored.
     columns = os.environ.get("COLUMNS", "")
     if columns.isdecimal() and int(columns) < _MIN_COLUMNS:
         del os.environ["COLUMNS"]
-    # Python has None in place of a stream that the caller has closed.
+    # Python puts None in place of a stream that the caller has closed.
     for name in ("stdout", "stderr"):
         if getattr(sys, name) is None:
             nowhere = os.open(os.devnull, os.O_WRONLY)
             setattr(sys, name, os.fdopen(nowhere, "w"))
-    # Some terminals lack a character; tests put streams of their own in the place of these.
+    # Some terminals lack a character that we print. Streams that tests put here cannot be changed.
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="replace")
@@ -123,12 +124,12 @@ def _run(
 
         return app.run(importlib.import_module(table).LINE, arguments, begin)
     except KeyboardInterrupt:
-        # The terminal may be closed.
+        # Writing fails if the terminal is closed.
         with contextlib.suppress(OSError):
             sys.stderr.write("interrupted: nothing was saved\n")
         return INTERRUPTED
     finally:
-        # Another Ctrl-C would show a traceback of what libraries do at the end of the process.
+        # Libraries work at the end of the process, where another Ctrl-C would show a traceback.
         atexit.register(signal.signal, signal.SIGINT, signal.SIG_IGN)
 
 
@@ -137,7 +138,7 @@ def _leave(code: int) -> NoReturn:
     threads."""
     import atexit
 
-    # What an end in order does all the same: links are closed there, and motors stop.
+    # An orderly end would call these too: they close links, and so stop motors.
     atexit._run_exitfuncs()
     for stream in (sys.stdout, sys.stderr):
         with contextlib.suppress(OSError, ValueError):

@@ -79,13 +79,14 @@ def run(
         if str(end):
             print_note(f"interrupted: {end}")
         return INTERRUPTED
-    # Before OSError, as some of our errors are both, and say what to do by themselves.
+    # BricksError is caught before OSError, because some of our errors are both and already say what
+    # to do.
     except BricksError as error:
         print_error(str(error))
         return 2
     except OSError as error:
         if _is_unread(error):
-            # Nobody reads any more; what Python still writes at its end must not fail again.
+            # Nobody reads any more, but what Python writes at its end must not fail a second time.
             nowhere = os.open(os.devnull, os.O_WRONLY)
             os.dup2(nowhere, sys.stdout.fileno())
             return 1
@@ -98,7 +99,7 @@ def run(
         from brickhub.user_files import failure_of_user
 
         message = failure_of_user(error) or _missing_package(error, line.prog)
-        # A bug of ours: show the traceback.
+        # An error without a message is a bug of ours, so its traceback is shown.
         if message is None:
             raise
         print_error(message)
@@ -118,7 +119,7 @@ def _missing_package(error: Exception, prog: str) -> str | None:
     if not isinstance(error, ModuleNotFoundError):
         return None
     package = (error.name or prog).partition(".")[0]
-    # A module of ours that is not there is a bug, whatever is installed.
+    # If one of our own modules is missing, that is a bug whatever is installed.
     if package in HOUSES:
         return None
     remedy = f"install {prog} there again, or activate its environment"
@@ -137,7 +138,7 @@ def parse(line: CommandLine, arguments: Sequence[str]) -> ParsedCommand:
     """Parse the arguments into a command; exits like argparse for help and for invalid
     arguments."""
     words = command_words(line, arguments)
-    # Commands are copied out of documents, where `--` has become a dash, which no parser knows.
+    # Commands are copied from documents in which `--` has become a dash, and no parser knows that.
     for argument in arguments:
         if argument.startswith(_DASHES):
             option = argument.lstrip("".join(_DASHES) + "-")
@@ -148,7 +149,7 @@ def parse(line: CommandLine, arguments: Sequence[str]) -> ParsedCommand:
         command = " ".join([line.prog, *words])
         print_error(f"{message}; see `{command} --help`")
         raise SystemExit(2)
-    # The parser's own messages are boxes of several lines.
+    # The parser writes its messages as boxes of several lines, so they are caught and shortened.
     messages = io.StringIO()
     try:
         with redirect_stderr(messages):
@@ -196,9 +197,9 @@ def _parse(
     prog = " ".join([line.prog, *words])
     config = (FlagCreatePairsOff,)
     if not words:
-        overview = _listing(line.commands)
+        overview = _listing(line, line.commands)
         for name, (text, commands) in line.groups.items():
-            overview.command(_listing(commands), name=name, help=text)
+            overview.command(_listing(line, commands), name=name, help=text)
         return overview.cli(
             prog=prog,
             description=line.description,
@@ -209,9 +210,9 @@ def _parse(
         place = line.commands[words[0]]
     else:
         text, commands = line.groups[words[0]]
-        # A group alone: what it lacks is a command, and its help lists them.
+        # A group alone lacks a command, so its help lists the commands.
         if len(words) == 1:
-            listing = _listing(commands)
+            listing = _listing(line, commands)
             return listing.cli(
                 prog=prog,
                 description=text,
@@ -229,13 +230,14 @@ def _parse(
     )
 
 
-def _listing(commands: Mapping[str, str]) -> SubcommandApp:
+def _listing(line: CommandLine, commands: Mapping[str, str]) -> SubcommandApp:
     """A parser of commands, with the first line of their help."""
     app = SubcommandApp()
     for name, place in commands.items():
         module, _, class_name = place.partition(":")
-        register = app.command(name=name, help=_summaries(module)[class_name])
-        # It is never called: whoever names a command gets that command's own parser.
+        summary = _spelled(line, _summaries(module)[class_name])
+        register = app.command(name=name, help=summary)
+        # This function is never called, because whoever names a command gets its own parser.
         register(lambda: None)
     return app
 
@@ -269,9 +271,14 @@ def _load(place: str) -> type:
 
 def _help(line: CommandLine, command: type) -> str:
     """Help of a command, whose examples name the program as it was called."""
-    text = cleandoc(command.__doc__ or "")
+    return _spelled(line, cleandoc(command.__doc__ or ""))
+
+
+def _spelled(line: CommandLine, text: str) -> str:
+    """A text whose examples name the program as it was called."""
     for begin, here in line.spelling.items():
-        # Only examples, which are indented, and what stands in backquotes: not words of sentences.
+        # The name is replaced only in examples, which are indented, and in backquotes, but not in
+        # sentences.
         text = re.sub(
             rf"^(  |.*`){begin}\b",
             rf"\g<1>{here}",
@@ -301,7 +308,7 @@ _SUGGESTS = "Perhaps you meant: "
 _NEEDED = {
     "invalid literal for int()": "a whole number",
     "could not convert string to float": "a number",
-    # Before INT, which is in it.
+    # "INT INT" comes before "INT", which it contains.
     "INT INT": "two whole numbers",
     "INT": "a whole number",
     "FLOAT": "a number",
@@ -321,13 +328,13 @@ def one_line(box: str, command: str = "bricksrl") -> str:
     """One line from the parser's boxed message: its first paragraph, what it suggests, and the
     command with the help. The box is drawn with hyphens if the console has no line-drawing
     characters."""
-    # The first line is the upper edge with the title; rules within become empty lines.
+    # The first line is the upper edge with the title. Rules inside of the box become empty lines.
     rows = box.splitlines()[1:]
     inner = [row.strip("│╭╮╰╯─ ") for row in rows]
     lines = ["" if set(row) == {"-"} else row for row in inner]
     paragraphs = []
     for part in "\n".join(lines).split("\n\n"):
-        # The box breaks lines at the width of the terminal.
+        # The box breaks lines at the width of the terminal, which does not matter here.
         paragraph = " ".join(part.split())
         if paragraph:
             paragraphs.append(paragraph)
@@ -337,7 +344,7 @@ def one_line(box: str, command: str = "bricksrl") -> str:
         if part.startswith(_SUGGESTS):
             option = part.removeprefix(_SUGGESTS).split()[0]
             suggestion = f" (did you mean {option}?)"
-            # The others are less like it.
+            # Further suggestions are less similar than the first one.
             break
     return f"{_plain(message.removesuffix('.'))}{suggestion}; see `{command} --help`"
 

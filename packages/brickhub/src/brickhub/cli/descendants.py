@@ -30,7 +30,8 @@ def kill_frozen(pid: int) -> None:
 
 
 def _ancestors(child: int, table: dict[int, tuple[int, str]]) -> Iterator[int]:
-    # A number that is given anew while they are listed could lead round and round.
+    # The number of an ended process may be given to a new one while the table is read, which could
+    # make a cycle, so the number of steps is limited.
     for _ in range(len(table)):
         if child not in table:
             return
@@ -44,10 +45,11 @@ def _processes() -> Iterator[tuple[int, int, str]]:
         yield from _listed()
         return
     for path in _PROC.glob("[0-9]*/stat"):
-        # One that has ended meanwhile has no file any more.
+        # A process that has ended in the meantime has no file any more.
         with contextlib.suppress(OSError):
             text = path.read_text(errors="replace")
-            # Its name stands in parentheses, and may have some itself.
+            # A process's name stands in parentheses and may contain some itself, so the last one
+            # counts.
             _, _, after_name = text.rpartition(")")
             state, parent = after_name.split()[:2]
             yield int(path.parent.name), int(parent), state

@@ -35,7 +35,7 @@ def run_check(
             message = f"{type(error).__name__}: {' '.join(str(error).split())}"
             answers.append((Outcome.ERROR, f"{message}; install this package again"))
 
-    # In a thread, as a system's service for Bluetooth may never answer.
+    # A thread can be left behind: a system's service for Bluetooth may never answer.
     thread = threading.Thread(target=run, daemon=True)
     thread.start()
     thread.join(timeout_s)
@@ -66,7 +66,7 @@ def check_packages(
     faults = []
     for text in requirements:
         requirement = Requirement(text)
-        # That of an extra, or of another system or Python.
+        # This requirement belongs to an extra, or to another system or version of Python.
         marker = requirement.marker
         if marker is not None and not marker.evaluate({"extra": ""}):
             continue
@@ -76,7 +76,7 @@ def check_packages(
             faults.append(f"{requirement.name} is missing")
             continue
         installed.add(requirement.name)
-        # Whoever installed a release candidate wanted it.
+        # Pre-releases count, because whoever installed a release candidate wanted it.
         if not requirement.specifier.contains(version, prereleases=True):
             faults.append(f"{requirement.name} {version} is not {requirement.specifier}")
     if faults:
@@ -97,7 +97,7 @@ def check_bluetooth() -> Answer:
     """Check that hubs can be scanned for; on Linux also why not."""
     from brickhub.hub.transports.ble import bluetooth_problem, scan
 
-    # No more than a warning in all cases: whoever has no hub needs no Bluetooth.
+    # A missing Bluetooth is never more than a warning, because only a real hub needs it.
     fault = bluetooth_problem()
     if fault is not None:
         return Outcome.WARNING, f"{fault[1]}; {_WITHOUT_ROBOT}"
@@ -148,6 +148,6 @@ class Doctor:
                 f"timeout-s is {self.timeout_s:g}; give a positive number of up to "
                 f"{_MAX_TIMEOUT_S:g}"
             )
-        # One by one, so that each line is printed when its check is done.
+        # The checks run one by one, so that each line appears as soon as its check is done.
         findings = (run_check(name, check, self.timeout_s) for name, check in self.checks.items())
         return print_findings(findings, (9, 12), as_json=self.json)

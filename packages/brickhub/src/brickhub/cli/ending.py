@@ -38,7 +38,8 @@ def end_after(duration_s: float) -> None:
 
     def end() -> None:
         time.sleep(duration_s)
-        # While they can still be found as descendants of this process.
+        # Frozen children are killed first, while they can still be found as descendants of this
+        # process.
         kill_frozen(os.getpid())
         os._exit(INTERRUPTED)
 
@@ -74,9 +75,9 @@ def ended_in_time() -> Iterator[End]:
     """
     numbers = end_signals()
     handlers = {number: signal.signal(number, signal.default_int_handler) for number in numbers}
-    # Handlers of Python run in the main thread, which may be busy in a library for seconds. The
-    # number of each signal is also written here at once, for a thread that waits for it. Windows
-    # takes no pipe in the place of a socket.
+    # Python runs handlers in the main thread, which a library may keep busy for seconds. So the
+    # number of each signal is also written to this pair at once, for a thread that waits for it.
+    # Windows takes only a socket here, not a pipe.
     numbers_of_signals, tell = socket.socketpair()
     tell.setblocking(False)
     wakeup_before = signal.set_wakeup_fd(tell.fileno(), warn_on_full_buffer=False)
@@ -94,7 +95,7 @@ def ended_in_time() -> Iterator[End]:
         signal.set_wakeup_fd(wakeup_before)
         for number, handler in handlers.items():
             signal.signal(number, handler)
-        # The watcher reads the end of it, and ends.
+        # Closing this end lets the watcher read its end, and stop.
         tell.close()
 
 
@@ -111,7 +112,8 @@ def _watch_signals(
             number = data[0]
             if number == signal.SIGINT:
                 interrupts += 1
-            # Asked at each signal: what a command saves is known only when it begins.
+            # This is asked again at each signal, because it is known only from its beginning on
+            # whether a command saves anything.
             patience = 1 if end.saves else 0
             if number in numbers or interrupts > patience:
                 end.is_asked.set()
@@ -130,7 +132,7 @@ def _answer_interrupt(end: End) -> None:
     """Say what a Ctrl-C waits for, until the command has said how it ended."""
     if end.is_said.wait(_NOTE_S):
         return
-    # The terminal may be closed meanwhile.
+    # Writing fails if the terminal has been closed in the meantime.
     with contextlib.suppress(OSError, ValueError):
         sys.stderr.write("ending, and saving first; another Ctrl-C ends at once\n")
         for number in itertools.count(1):
@@ -156,12 +158,12 @@ def end_with_parent() -> None:
     held = take_input()
 
     def watch() -> None:
-        # What the parent says does not matter, only that it holds the pipe open.
+        # What the parent writes does not matter, only that it holds the pipe open.
         with contextlib.suppress(OSError):
             while os.read(held, 64):
                 pass
         end_after(DEADLINE_S)
-        # To the main thread itself, whose blocking call it interrupts.
+        # The signal goes to the main thread itself, because only that interrupts its blocking call.
         if hasattr(signal, "pthread_kill"):
             signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGTERM)
         else:
@@ -177,5 +179,5 @@ def end_with_parent() -> None:
 def wait_for_end() -> None:
     """Wait for Ctrl-C, or another end. Raises KeyboardInterrupt."""
     while True:
-        # Unlike a lock, this is interrupted on Windows too.
+        # Unlike waiting for a lock, sleeping can be interrupted on Windows too.
         time.sleep(1.0)

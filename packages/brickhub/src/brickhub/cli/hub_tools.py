@@ -109,13 +109,13 @@ class Scan(SavesNothing):
             ]
         else:
             hubs = scan(self.seconds)
-        # An empty list is a result too, for a program that reads it.
+        # JSON is read by programs, for which an empty list is a result too.
         if self.json:
             print_line(json.dumps([_hub_as_dict(hub) for hub in hubs], indent=2))
         elif hubs:
             print_line(f"{'name':16}  {'address':36}  {'signal':>8}  kind")
             for hub in hubs:
-                # An advertisement may name a kind that we do not know.
+                # An advertisement may name a kind of hub that is unknown here.
                 kind = hub.kind.value if hub.kind else "unknown"
                 print_line(f"{hub.name:16}  {hub.address:36}  {hub.rssi_dbm:>4} dBm  {kind}")
         else:
@@ -148,7 +148,7 @@ class Program:
         target = find(self.target)
         if target.note:
             print_note(target.note)
-        # `print_line` and the file each end it with one line break.
+        # The text loses its line ends, because `print_line` and the file each add one.
         source = generate(target.robot, target.interface).source.rstrip("\n")
         if self.out is None:
             print_line(source)
@@ -180,7 +180,7 @@ class Stop:
         transport = address.transport()
         try:
             transport.open()
-            # Before the stop, which changes it.
+            # The status is kept before the stop, which changes it.
             status = transport.status
             identity = transport.identity
             transport.stop()
@@ -235,7 +235,7 @@ class MeasureLatency(SavesNothing):
         print_line(f"connection interval  {result.interval_ms:g} ms (inferred: half a round trip)")
         if not result.is_slow:
             return
-        # The advice is for a real link.
+        # This advice makes sense for a real link only.
         if parse_hub(self.hub).is_virtual:
             print_line(
                 "faster               as this link is played; another one with --link, such as "
@@ -281,7 +281,7 @@ class Check(SavesNothing):
         def was_right(move: str) -> bool | None:
             return ask(f"{move}: was it this motor, and in the right direction?")
 
-        # With --yes, nobody is there who could look.
+        # With --yes nobody may be there to look at the robot, so nobody is asked.
         is_right = None if self.yes else was_right
         if target.robot.hub.model.runs_programs:
             transport = _transport(
@@ -315,7 +315,7 @@ class Check(SavesNothing):
                 may_move=may_move,
                 is_right=is_right,
             )
-        # The checks run here, one before each line.
+        # The generator runs each check only when its line is printed.
         code = print_findings(
             findings,
             (9, 18),
@@ -373,12 +373,12 @@ class Calibrate:
     def execute(self) -> None:
         self._check_modes()
         target = find(self.target)
-        # Raises for an unknown name, before a hub is looked for.
+        # These calls raise for an unknown name, before any hub is looked for.
         for name in (*self.reverse, *self.as_described):
             target.robot.motor(name)
         transport = _transport(self.hub, target, faults=self.fault)
         try:
-            # Calibrations are of a hub, whose identity is known only when it is connected.
+            # A calibration belongs to a hub, whose identity is known only once it is connected.
             transport.open()
             hub = kept.hub_id(transport)
             if self.forget:
@@ -390,7 +390,7 @@ class Calibrate:
                 is_reversed = (saved.reversed | set(self.reverse)) - set(self.as_described)
                 calibration = kept.Calibration(saved.zeros_deg, frozenset(is_reversed))
             else:
-                # Motors that are not measured now keep their zeros.
+                # Motors that are not measured now keep their earlier zeros.
                 zeros_deg = self._zeros_deg(transport, target.robot, saved)
                 calibration = kept.Calibration(saved.zeros_deg | zeros_deg, saved.reversed)
         finally:
@@ -412,7 +412,7 @@ class Calibrate:
         always = ("--target", "--hub", "--fault", "--yes", "--calibrations")
         if self.forget:
             refuse_ignored(self, (*always, "--forget"), "with --forget")
-        # Both together: each names motors of its own.
+        # The two options go together, because each names motors of its own.
         if self.reverse or self.as_described:
             refuse_ignored(self, (*always, "--reverse", "--as-described"), "with --reverse")
         both = sorted(set(self.reverse) & set(self.as_described))
@@ -427,7 +427,8 @@ class Calibrate:
         robot: Robot,
         saved: Calibration,
     ) -> dict[str, int]:
-        # Angles from zeros of before would make new ones of their differences; directions stay.
+        # The old zeros are left out, because zeros measured relative to them would be differences.
+        # Directions stay.
         uncalibrated = calibrated(robot, dataclasses.replace(saved, zeros_deg={}))
         joints = [motor for motor in uncalibrated.motors if motor.range_deg is not None]
         if not joints and not self.by_hand:
@@ -437,7 +438,8 @@ class Calibrate:
             )
         zeros_deg: dict[str, int] = {}
         if self.by_hand:
-            # Before the joints move: these were put in place by hand.
+            # These angles are read before the joints move, because a person has put those motors in
+            # place by hand.
             angles_deg = survey(transport, uncalibrated).angles_deg
             for motor in uncalibrated.motors:
                 if motor.range_deg is None and motor.name in angles_deg:

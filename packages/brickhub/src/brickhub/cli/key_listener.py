@@ -41,18 +41,19 @@ def keys_heard(on_key: Callable[[str], None], source: Input | None = None) -> It
         last_s = 0.0
         with source.raw_mode():
             ready.set()
-            # Polled, as a read that blocks could not be ended from outside.
+            # Keys are polled, because a blocking read could not be ended from outside.
             while not end.wait(_POLL_S) and not source.closed:
                 presses = source.read_keys()
                 now_s = time.monotonic()
                 if presses:
                     last_s = now_s
                 elif now_s - last_s > ESCAPE_S:
-                    # An escape character that nothing follows stays within the parser till then.
+                    # An escape character is held back until something follows, so after a while it
+                    # is flushed.
                     presses = source.flush_keys()
                 for press in presses:
                     key = str(getattr(press.key, "value", press.key))
-                    # In raw mode the terminal sends no signal for it.
+                    # In raw mode the terminal sends no signal for Ctrl-C.
                     if key == "c-c":
                         interrupt_main()
                     else:
@@ -65,7 +66,8 @@ def keys_heard(on_key: Callable[[str], None], source: Input | None = None) -> It
         daemon=True,
     )
     thread.start()
-    # From here on no key is echoed, or lost to a line that the terminal collects.
+    # Once the listener is ready, keys are neither echoed nor lost to a line that the terminal
+    # collects.
     ready.wait(_END_S)
     try:
         yield
@@ -89,7 +91,7 @@ def can_listen() -> bool:
         return False
     if not hasattr(os, "tcgetpgrp"):
         return True
-    # A job in the background that reads from the terminal is stopped by the shell.
+    # The shell would stop a background job that reads from the terminal.
     try:
         return os.tcgetpgrp(sys.stdin.fileno()) == os.getpgrp()
     except OSError:

@@ -94,11 +94,11 @@ class Run:
         from brickhub.hub.transports.address import parse_hub
         from brickhub.kits.radio import LEGO_PACKAGE
 
-        # Both raise before a film begins.
+        # Both lines may raise, and must do so before a film begins.
         address = parse_hub(self.hub)
         program = load_program(self.file)
         is_for_kit = imports(program, LEGO_PACKAGE)
-        # A program may be given any bytes.
+        # A program may be given bytes of any kind, so the binary stream is used.
         stdin = sys.stdin
         if isinstance(stdin, io.TextIOWrapper):
             stdin.reconfigure(errors="surrogateescape")
@@ -227,7 +227,7 @@ class Run:
         stack: ExitStack,
         body: Body | None,
     ) -> Operation:
-        """What a person does; a body has its end stops."""
+        """The deeds of a person, and the end stops if there is no body that has them."""
         from brickhub.cli.key_listener import can_listen, keys_heard
         from brickhub.virtual.given_readings import parse_device, parse_end_stop, parse_reading
         from brickhub.virtual.panel import parse_press
@@ -248,7 +248,7 @@ class Run:
             if self.panel:
                 panel.on_change = _print_panel
 
-        # Those of a body are in it already, see `stops_of`.
+        # A body already has its stops (see `stops_of`).
         end_stops = dict(map(parse_end_stop, self.end_stop)) if body is None else {}
         return Operation(
             presses=[parse_press(text) for text in self.press],
@@ -270,7 +270,7 @@ class Run:
         from brickhub.files import check_writable, write_durably
         from brickhub.virtual.run_log import RunLog
 
-        # Before the run, which may take long, and whose log would be lost.
+        # This is checked before the run, which may take long and whose log would then be lost.
         check_writable(path)
 
         def begin(machine: Machine) -> None:

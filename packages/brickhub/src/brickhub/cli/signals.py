@@ -32,14 +32,16 @@ def ending_at_once() -> "dict[signal.Signals, Any]":
     before. Needs the main thread.
     """
     numbers = end_signals()
-    # A shell lets its jobs in the background ignore Ctrl-C, which is for the one in front.
+    # A shell lets its background jobs ignore Ctrl-C, which is meant for the job in front, so that
+    # stays.
     if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:
         numbers.append(signal.SIGINT)
     return {number: signal.signal(number, _end) for number in numbers}
 
 
 def _end(_number: int, _frame: "Any") -> None:
-    # Not by a stream, which may be in the middle of a line; the terminal may be closed.
+    # A stream may be in the middle of a line, so this writes past it. The terminal may also be
+    # closed.
     with contextlib.suppress(OSError):
         os.write(2, b"interrupted: nothing was saved\n")
     os._exit(INTERRUPTED)

@@ -47,7 +47,8 @@ def print_findings(
     found = []
     for finding in findings:
         found.append(finding)
-        # At once, as the next check may take long, or need the person who reads this.
+        # Each line is printed at once, because the next check may take long or need the person who
+        # reads this.
         if not as_json:
             outcome = f"{finding.outcome.value:{outcome_width}}"
             print_line(f"{outcome}{finding.name:{name_width}}{finding.detail}")
@@ -111,14 +112,15 @@ def _answer() -> str | None:
         return None
     if is_terminal():
         return stream.readline() or None
-    # Text in memory and a stream that is closed are no files.
+    # Text in memory and closed streams have no file behind them.
     try:
         handle = stream.fileno()
     except (OSError, ValueError):
         return _line_of_memory(stream)
     line = b""
     while len(line) < _LONGEST_ANSWER and not line.endswith(b"\n"):
-        # Byte by byte, as what a buffer has taken out of the pipe cannot be waited for.
+        # Bytes are read one by one, because nobody can wait for those that a buffer has already
+        # taken.
         byte = _next_byte(handle)
         if not byte:
             break
@@ -136,7 +138,7 @@ def _line_of_memory(stream: TextIO) -> str | None:
 
 def _next_byte(handle: int) -> bytes:
     """The next byte of a pipe or file; ``b""`` at its end, or if none comes within a short time."""
-    # Windows can wait for sockets only.
+    # Windows can wait for sockets only, not for files.
     if sys.platform == "win32":
         return b"" if os.isatty(handle) else _byte_of_thread(handle)
     readable, _, _ = select.select([handle], [], [], _PIPE_S)
@@ -144,16 +146,17 @@ def _next_byte(handle: int) -> bytes:
 
 
 def _byte_of_thread(handle: int) -> bytes:
-    """As `_next_byte`, read in a thread, which is left behind if nothing comes."""
+    """The next byte, as by `_next_byte`, but read in a thread, which is left behind if nothing
+    comes."""
     read: queue.SimpleQueue[bytes] = queue.SimpleQueue()
 
     def read_one() -> None:
         try:
             read.put(os.read(handle, 1))
-        except OSError:  # it was closed
+        except OSError:
             read.put(b"")
 
-    # A daemon, as it may wait for ever: the process must be able to end.
+    # The thread may wait for ever, and as a daemon it does not keep the process from ending.
     threading.Thread(
         target=read_one,
         name="answer",

@@ -28,7 +28,7 @@ Imports = tuple[tuple[str, str], ...]
 _MAX_TEST_TURN_DEG = 10.0
 """Largest turn that the test of an endless move requires."""
 _LOWEST_TONE_HZ = 64
-"""Below it a hub's loudspeaker is silent."""
+"""Lowest tone of a hub's loudspeaker, which is silent below it."""
 
 
 class WireNumber:
@@ -48,7 +48,8 @@ class WireNumber:
     imports: ClassVar[Imports] = ()
     mirror_sign: ClassVar[int] = 1
 
-    if TYPE_CHECKING:  # fields, properties or constants of each kind
+    # Each kind has these as fields, properties or constants, so only type checkers see them here.
+    if TYPE_CHECKING:
 
         @property
         def name(self) -> str: ...
@@ -153,9 +154,6 @@ def _test_turn_deg(turn_deg: float) -> float:
     return max(-_MAX_TEST_TURN_DEG, min(_MAX_TEST_TURN_DEG, turn_deg))
 
 
-# ---------------------------------------------------------------- one motor
-
-
 @dataclass(frozen=True)
 class _MotorCommand(Command):
     """Command of one motor."""
@@ -190,7 +188,7 @@ class RunAngle(_MotorCommand):
     description: ClassVar[str] = "turn by {0.low:g} to {0.high:g} deg at {0.speed_deg_s} deg/s"
 
     def check(self, robot: Robot) -> None:
-        # A motor at speed 0 would never arrive, and ``UntilDone`` wait for its whole timeout.
+        # A motor at speed 0 never arrives, and `UntilDone` would wait until its timeout.
         if not 1 <= self.speed_deg_s <= WIRE_MAX:
             raise self.error(
                 f": speed {self.speed_deg_s} deg/s; give a positive one, the sign is the angle's"
@@ -208,7 +206,7 @@ class RunAngle(_MotorCommand):
         robot: Robot,
         amounts: Mapping[str, str],
     ) -> str:
-        # A motor with a range is a Joint on the hub, which keeps its targets within it.
+        # A motor with a range is a Joint on the hub, which keeps targets within the range.
         if robot.motor(self.motor).range_deg is not None:
             return f"{self.mover}.turn({self.speed_deg_s}, {amounts[self.name]})"
         return f"{self.mover}.run_angle({self.speed_deg_s}, {amounts[self.name]}, wait=False)"
@@ -278,7 +276,8 @@ class TrackTarget(_MotorCommand):
         range_deg = robot.motor(self.motor).range_deg
         if range_deg is None:
             return
-        # Refused here, since the hub clamps a target to the command's range alone.
+        # The hub clamps a target to the command's range only, so a target outside of the motor's
+        # range is refused here.
         low_deg, high_deg = range_deg
         is_within = low_deg <= self.low < self.high <= high_deg
         if not is_within:
@@ -292,11 +291,8 @@ class TrackTarget(_MotorCommand):
         robot: Robot,
         amount: float,
     ) -> tuple[float, ...]:
-        # It may be at its target already.
+        # The motor may already be at its target, so it need not turn at all.
         return (0.0,)
-
-
-# ---------------------------------------------------------------- a drive base
 
 
 @dataclass(frozen=True)
@@ -328,8 +324,8 @@ class _DriveBaseCommand(Command):
     ) -> tuple[float, ...]:
         """Angle that each wheel turns by; for an endless move, in one second."""
         base = drive_base(robot, self.name)
-        # On the spot, the wheels roll along a circle whose diameter is the axle track. Clockwise,
-        # the left one goes forward.
+        # A turn on the spot rolls each wheel along a circle whose diameter is the axle track, the
+        # left one forward if it is clockwise.
         if self.is_turn:
             turn_deg = amount * base.axle_track_mm / base.wheel_diameter_mm
             return turn_deg, -turn_deg
@@ -397,8 +393,8 @@ class Curve(_DriveBaseCommand):
         amount: float,
     ) -> tuple[float, ...]:
         base = drive_base(robot, self.name)
-        # Lengths of arcs, as an angle (deg) times a radius (mm): that of the robot's centre, and
-        # what the left wheel rolls beyond it, the right one less.
+        # Arcs are an angle (deg) times a radius (mm). `path` is the arc of the robot's centre; the
+        # left wheel rolls `turn` more than that, and the right one `turn` less.
         path = abs(amount) * self.radius_mm
         turn = math.copysign(amount, amount * self.radius_mm) * base.axle_track_mm / 2
         left_deg = 2 * (path + turn) / base.wheel_diameter_mm
@@ -426,7 +422,7 @@ class _Drive(_DriveBaseCommand):
         robot: Robot,
         amounts: Mapping[str, str],
     ) -> str:
-        # ``drive`` takes both; who commands one of them alone leaves the other at 0.
+        # `drive` needs both values, so a command of only one of them leaves the other at 0.
         speed = amounts.get(DriveSpeed.name, "0")
         turn_rate = amounts.get(DriveTurnRate.name, "0")
         return f"{self.mover}.drive({speed}, {turn_rate})"
@@ -465,12 +461,9 @@ def drive_base(robot: Robot, needed_by: str) -> DriveBase:
 def drive_base_setup(robot: Robot, needed_by: str) -> tuple[str, ...]:
     """Statement of a hub program that makes the object ``drive_base``."""
     base = drive_base(robot, needed_by)
-    # With all digits of the numbers, so that hub and twin have the same ones.
+    # `repr` keeps all digits, so that hub and twin compute with the same numbers.
     size = f"wheel_diameter={base.wheel_diameter_mm!r}, axle_track={base.axle_track_mm!r}"
     return (f"drive_base = DriveBase(motor_{base.left}, motor_{base.right}, {size})",)
-
-
-# ---------------------------------------------------------------- the hub itself
 
 
 @dataclass(frozen=True)

@@ -38,7 +38,8 @@ from brickhub.hub.commands import (
 from brickhub.robot import Robot, UltrasonicSensor
 from brickhub.robot.hardware import REMOTE_BUTTONS
 
-# The commands too: a user's file names all parts of an interface from one module.
+# The commands are exported too, so that a user's file imports all parts of an interface from one
+# module.
 __all__ = [
     "PARTS",
     "Channel",
@@ -129,8 +130,9 @@ class Channel(WireNumber, ABC):
         return -largest, largest
 
     def is_wide(self, robot: Robot | None) -> bool:
-        """Whether it has 32 bits on the wire rather than 16, as it counts without end. ``robot``:
-        the one that it is read on; ``None`` for one whose motors have ranges."""
+        """Whether the number takes 32 bits on the wire rather than 16, because it counts without
+        end. ``robot`` is the one that it is read on, or ``None`` for one whose motors have
+        ranges."""
         return self.accumulates
 
     @property
@@ -190,7 +192,7 @@ class MotorAngle(Channel):
 
     @property
     def wraps(self) -> bool:
-        # An endless wheel: its turns mean nothing, where it stands does.
+        # Whole turns of an endless wheel mean nothing, only where it stands.
         return (self.low, self.high) == (0.0, 360.0)
 
     def in_mirror(self, robot: Robot) -> tuple[str, int]:
@@ -208,7 +210,7 @@ class MotorAngle(Channel):
         return -WIDE_MAX / self.scale, WIDE_MAX / self.scale
 
     def is_wide(self, robot: Robot | None) -> bool:
-        # A joint with a range stays within 16 bits, in tenths of a degree; a wheel counts on.
+        # A joint with a range fits into 16 bits, in tenths of a degree, but a wheel counts on.
         if self.wraps or robot is None:
             return False
         return robot.motor(self.motor).range_deg is None
@@ -218,7 +220,7 @@ class MotorAngle(Channel):
 
     @property
     def expression(self) -> str:
-        # Wrapped on the hub, as a wheel's turns would soon be too many for 16 bits.
+        # The hub wraps the angle, because a wheel's turns would soon be too many for 16 bits.
         wrap = " % 360" if self.wraps else ""
         return f"motor_{self.motor}.angle(){wrap}"
 
@@ -238,7 +240,7 @@ class _Tilt(_ImuChannel):
     high: float = 90.0
     scale: ClassVar[int] = 100
     unit: ClassVar[str] = "deg"
-    # One call for both, which thereby are of the same moment.
+    # One call reads both angles, so that they are of the same moment.
     statement: ClassVar[str] = "pitch, roll = hub.imu.tilt()"
     noise: ClassVar[str] = "tilt_noise_deg"
     roughness: ClassVar[float] = 0.3
@@ -384,7 +386,7 @@ class HubButton(Channel):
 
     def buttons(self, robot: Robot) -> tuple[str, ...]:
         """Names of the buttons that a program may read."""
-        # A press of the center button stops the program before it could read it.
+        # The center button stops the program, which therefore never reads it.
         return tuple(name for name in robot.hub.model.buttons if name != "center")
 
     def check(self, robot: Robot) -> None:
@@ -464,13 +466,13 @@ class SensorReading(Channel):
         return self.sensor
 
     def in_mirror(self, robot: Robot) -> tuple[str, int]:
-        # What a sensor reads has no direction, unlike the angle of a motor.
+        # A sensor's reading has no direction, unlike a motor's angle.
         sensor, _ = robot.in_mirror(self.sensor)
         return replace(self, sensor=sensor).name, self.mirror_sign
 
     @property
     def wraps(self) -> bool:
-        # A hue, for one.
+        # Only angles have this range and unit, for example a hue, so the number wraps.
         return (self.low, self.high, self.unit) == (0.0, 360.0, "deg")
 
     def check(self, robot: Robot) -> None:
@@ -497,7 +499,8 @@ class SensorReading(Channel):
     def expression(self) -> str:
         if self.part is None:
             return self._call
-        # By its place: a hub's methods return tuples, or what can be indexed like one.
+        # Parts are read by index, because a hub's methods return tuples or what can be indexed like
+        # one.
         index = PARTS[self.method].index(self.part)
         return f"{self._parts}[{index}]"
 
@@ -550,13 +553,13 @@ class Interface:
     settle: Wait | UntilDone
 
     def __post_init__(self) -> None:
-        # A list is as good, but has no hash.
+        # A list is as good as a tuple, but it cannot be hashed.
         for field in ("commands", "channels"):
             value = getattr(self, field)
             if isinstance(value, list):
                 object.__setattr__(self, field, tuple(value))
         check_fields(Interface, vars(self))
-        # Here, as no kind has to check its own fields.
+        # The fields are checked here, so that no kind has to check its own.
         for part in (*self.commands, *self.channels):
             check_value(f"low of '{part.name}'", part.low, float)
             check_value(f"high of '{part.name}'", part.high, float)

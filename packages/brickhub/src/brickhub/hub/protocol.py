@@ -82,8 +82,8 @@ def _crc_table() -> bytes:
     table = []
     for crc in range(256):
         for _ in range(8):
-            # Division by the polynomial, bit by bit. It has nine bits: the upper one removes the
-            # bit that is shifted out.
+            # This is division by the polynomial, bit by bit. The upper one of its nine bits removes
+            # the bit that is shifted out.
             divisor = CRC_POLYNOMIAL if crc & 0x80 else 0
             crc = crc << 1 ^ divisor
         table.append(crc)
@@ -103,7 +103,7 @@ def crc8(data: bytes) -> int:
 
 def next_seq(seq: int) -> int:
     """Sequence number after ``seq``: 1..255, never 0."""
-    # 0 marks a control frame.
+    # Sequence number 0 marks a control frame, so it is left out.
     return seq % 255 + 1
 
 
@@ -191,7 +191,7 @@ class WireFormat:
             )
         wire = []
         for number, command in zip(numbers, self._commands, strict=True):
-            # Only NaN differs from itself. Infinities saturate.
+            # Only NaN differs from itself. Infinities saturate instead.
             if number != number:
                 raise EncodingError(
                     f"the value for '{command.name}' is not a number (NaN); look for what "
@@ -211,7 +211,8 @@ class WireFormat:
         float32."""
         time_ms, *numbers = struct.unpack(self.answer_format, payload)
         values = map(operator.truediv, numbers, self._scales)
-        # Through bytes, which rounds to float32 without NumPy: the numbers that a tensor will hold.
+        # Packing and unpacking rounds to float32 without NumPy, so that these are the numbers that
+        # a tensor will hold.
         packed = struct.pack(self._value_format, *values)
         return time_ms, struct.unpack(self._value_format, packed)
 
@@ -226,7 +227,7 @@ class WireFormat:
             strict=True,
         ):
             is_at_end = number in (_INT16_LOW, _INT16_HIGH)
-            # No robot ever counts beyond 32 bits.
+            # No robot ever counts beyond 32 bits, so only narrower fields saturate.
             if is_at_end and not is_wide:
                 names.append(channel.name)
         return names
@@ -270,7 +271,7 @@ class FrameDecoder:
         frames: list[Frame] = []
         start = 0
         while start < len(buffer):
-            # Whatever comes before the next byte that may begin a frame belongs to none.
+            # Bytes before the next one that may begin a frame belong to no frame.
             if buffer[start] != MAGIC:
                 position = buffer.find(MAGIC, start)
                 end = len(buffer) if position < 0 else position
@@ -278,7 +279,7 @@ class FrameDecoder:
                 start = end
                 continue
             size = self._frame_size(start)
-            # The rest of the frame is still to come.
+            # Nothing more can be read until the rest of this frame has come.
             if len(buffer) - start < size:
                 break
             candidate = bytes(buffer[start : start + size])
@@ -286,7 +287,8 @@ class FrameDecoder:
                 frames.append(_frame(candidate))
                 start += size
             else:
-                # Only one byte is given up: a true frame may begin within what looked like one.
+                # Only one byte is dropped, because a true frame may begin within what looked like
+                # one.
                 self.crc_errors += size > 0
                 self._skip(buffer[start : start + 1])
                 start += 1

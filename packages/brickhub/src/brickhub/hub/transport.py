@@ -21,7 +21,7 @@ class Pipe(enum.Enum):
 def app_data_slot(count: int, frame: bytes) -> bytes:
     """Content of the program's AppData buffer for a frame; a changed ``count`` (1..255) marks it as
     new."""
-    # The length too, as the buffer still holds the end of a longer frame before.
+    # The length is sent too, because the buffer may still hold the end of a longer frame.
     return bytes((count, len(frame))) + frame
 
 

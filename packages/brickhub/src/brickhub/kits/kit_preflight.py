@@ -47,7 +47,7 @@ def check_kit(
             remedy = ", of 67; disconnect other Bluetooth devices, and bring it near"
             slow = (is_slow, Outcome.WARNING, remedy)
             yield judged(f"reports {ports}", f"{rate_hz:.0f} a second", slow)
-        # Last, as only these move something, and need a person.
+        # These checks come last, because only they move something and need a person.
         yield from check_moves(
             link,
             robot,

@@ -49,7 +49,7 @@ class Done(enum.IntEnum):
 
 
 class MotorState(enum.IntEnum):
-    """What a motor does now, as far as a virtual one tells."""
+    """States of a motor, as far as a virtual one tells them."""
 
     READY = 0
     RUNNING = 1
@@ -79,7 +79,7 @@ def _layouts(text: str) -> dict[str, Layout]:
     layouts = {}
     for line in text.strip().splitlines():
         name, number, types, *fields = line.split()
-        # A message without fields has a hyphen in the place of their types.
+        # A message without fields has a hyphen in place of their types.
         types = types.strip("-")
         layouts[name] = Layout(int(number), struct.Struct(f"<B{types}"), tuple(fields))
     return layouts
@@ -150,7 +150,7 @@ class Message:
 def decode(packet: bytes) -> Iterator[Message]:
     """The commands in a packet, in order. Raises HubProtocolError if a message is unknown or cut
     off."""
-    # One after the other: where a message ends follows only from its number.
+    # Messages are read one after the other, because only its number tells where a message ends.
     while packet:
         name, layout = _BY_NUMBER.get(packet[0], ("", None))
         if layout is None or len(packet) < layout.struct.size:

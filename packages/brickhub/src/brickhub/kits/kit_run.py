@@ -73,7 +73,8 @@ def run_kit_file(
             namespace = {
                 "__name__": "__main__",
                 "__file__": str(path),
-                # Those of Python's `site` close standard input, which is this process's.
+                # The functions of Python's `site` close standard input, which belongs to this
+                # process.
                 "exit": sys.exit,
                 "quit": sys.exit,
             }
@@ -84,12 +85,12 @@ def run_kit_file(
         stderr.write(time_limit_note(time_limit_s or 0.0))
         return TIME_LIMIT_EXIT_CODE
     except SystemExit as end:
-        # As Python does: a text is an error, and is printed; nothing is success.
+        # As in Python, a text is an error and is printed, and nothing is success.
         if isinstance(end.code, str):
             stderr.write(f"{end.code}\n")
         return end.code if isinstance(end.code, int) else int(end.code is not None)
     except Exception as error:  # noqa: BLE001  whatever the user's program raises
-        # From the program's first line on: what is around it is ours.
+        # The traceback begins at the first line of the program, because what is around it is ours.
         trace = error.__traceback__
         while trace is not None and trace.tb_frame.f_code.co_filename != str(path):
             trace = trace.tb_next
@@ -127,7 +128,7 @@ def _kit(body: Body | None, operation: Operation) -> VirtualKit:
     bench = FittedBench(KitKind.DOUBLE_MOTOR, operation.readings, operation.end_stops)
     for port, device in BENCH_PORTS.items():
         bench.plug_in(port, device)
-    # So that a turn by the IMU has an end there: both wheels turn the bench.
+    # Both wheels turn the bench, so that a turn by the IMU has an end there.
     bench.put_on_wheels({"A": _TURN_PER_MDEG, "B": _TURN_PER_MDEG})
     sensor_ports = [port for port, device in BENCH_PORTS.items() if device != "Motor"]
     return VirtualKit(bench, realtime=operation.realtime, sensor_ports=sensor_ports)
@@ -141,14 +142,15 @@ def _surroundings(path: Path, kit: VirtualKit) -> Iterator[None]:
     path_before = sys.path[:]
     time_before = sys.modules["time"]
     sys.argv = [str(path)]
-    # A module of its own: LEGO's package and ours have imported Python's, and keep real time.
+    # The program gets a `time` module of its own. LEGO's package and ours have already imported
+    # Python's, and keep real time.
     sys.modules["time"] = _clock(kit)
     sys.path.insert(0, str(path.parent))
     try:
         yield
     finally:
         sys.argv = arguments_before
-        # The same list, as others may hold it.
+        # The same list is filled again, because others may hold it.
         sys.path[:] = path_before
         sys.modules["time"] = time_before
 
@@ -158,7 +160,8 @@ def _clock(kit: VirtualKit) -> types.ModuleType:
     clock = types.ModuleType("time")
     vars(clock).update(vars(time))
     clock.sleep = kit.wait  # type: ignore[attr-defined]
-    # The time of day begins now; the others begin at 0, as a program only takes differences.
+    # The time of day begins now. The other clocks begin at 0, because a program only takes
+    # differences of them.
     began_s = time.time()
     for name, offset_s in (("monotonic", 0.0), ("perf_counter", 0.0), ("time", began_s)):
         setattr(clock, name, _clock_in_s(kit, offset_s))

@@ -75,7 +75,7 @@ class VirtualTransport(BLETransport):  # type: ignore[misc]  # the package has n
 
     def _real(self) -> BLETransport:
         """Bluetooth of this computer, as LEGO's package uses it by itself."""
-        # Only where it is used: whoever has virtual devices may have no Bluetooth.
+        # Bluetooth is made only where it is used, because who has virtual devices may have none.
         if self._bluetooth is None:
             self._bluetooth = BasicBLE(shutdown_callback=None)
         return self._bluetooth
@@ -83,7 +83,7 @@ class VirtualTransport(BLETransport):  # type: ignore[misc]  # the package has n
 
 def _is_wanted(peer: Any, filters: Mapping[str, Any]) -> bool:
     """Whether a scan with these filters finds a device; LEGO's package says "any" for no filter."""
-    # A device that somebody is connected to does not advertise itself.
+    # A device to which somebody is connected does not advertise itself.
     if peer.device.is_connected:
         return False
     if filters.get("product_id") not in (None, peer.device.product):

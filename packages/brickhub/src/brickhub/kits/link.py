@@ -55,7 +55,7 @@ class _Device:
     ) -> None:
         self.part = part
         self._radio = radio
-        # LEGO's classes have the names of the products, such as DoubleMotor.
+        # LEGO's classes are named after the products, such as DoubleMotor.
         package = lego_package(is_silent=True)
         kind = getattr(package, part.product.title.replace(" ", ""))
         self.lego: Any = kind()
@@ -65,11 +65,11 @@ class _Device:
         self.lego.set_notification_callback(self._report)
 
     def _report(self, _notification: object) -> None:
-        # The first one is the first moment in the package's own thread, whose loop this is.
+        # The first report is the first moment in the package's own thread, whose loop this is.
         if not self.reports:
             asyncio.get_running_loop().set_exception_handler(_note)
         now_s = self._radio.now_s()
-        # Those of one event come at once, and are made further apart.
+        # The reports of one event come at once, and events are further apart than this.
         if now_s - self.arrived_s > PERIOD_MS / 2000:
             self.before_s = self.arrived_s
         self.arrived_s = now_s
@@ -89,23 +89,24 @@ class _Device:
         except errors.HubError:
             raise
         except Exception as error:
-            # What the package raises has no common class; one is that versions do not agree.
+            # The package's errors have no common class; one of them says that versions do not
+            # agree.
             reason = errors.message_of(error)
             raise errors.HubRefusedError(f"the {title} refuses the connection: {reason}") from error
-        # A device that is not found is no exception there.
+        # The package raises nothing if a device is not found.
         if not self.lego.connected:
             raise errors.HubNotFoundError(
                 f"no {title} is in reach; switch it on, and bring it near"
             )
-        # The silence of a device counts from here on, until it reports.
+        # A device's silence counts from here on, until it reports.
         self.arrived_s = self._radio.now_s()
 
     def disconnect(self) -> None:
         """End the connection, if there is one, for a few seconds at most."""
-        # It may be gone already.
+        # The device may be gone already.
         with contextlib.suppress(Exception):
             self._radio.run(self.lego.disconnect, _DISCONNECT_S)
-        # Also where that failed: a later `open` connects it anew.
+        # This is done even if disconnecting failed, so that a later `open` connects it anew.
         self.lego.connected = False
 
 
@@ -164,7 +165,8 @@ class KitLink(RobotLink):
                     device.connect()
             self._opened_s = self.now_s()
             self._due_s = -math.inf
-            # Before the package ends its thread, which it could not start again.
+            # Our handler must run before the one of the package, which ends its thread and could
+            # not start it again.
             atexit.register(self.close)
             self.state = after(self.state, Cause.OPENED)
 
@@ -189,7 +191,7 @@ class KitLink(RobotLink):
             StoppedError: an emergency stop came before or meanwhile.
         """
         self._require_open()
-        # A world in real time catches up with what the caller took.
+        # Sleeping for no time lets a world in real time catch up with what the caller took.
         self._radio.sleep(0.0)
         started_s = self.now_s()
         amounts = self._amounts(list(values))
@@ -198,8 +200,9 @@ class KitLink(RobotLink):
         with self._fault():
             self._start(amounts)
             if settle.fixed_ms is not None:
-                # From the end of the last step, so that steps are that far apart whatever a
-                # caller takes in between; from now, if it took longer than a step.
+                # Steps are counted from the end of the last one, so that they are equally long
+                # whatever a caller takes in between. If it took longer than a step, they are
+                # counted from now.
                 step_s = settle.fixed_ms / 1000
                 due_s = self._due_s + step_s
                 self._due_s = due_s if due_s > started_s else started_s + step_s
@@ -235,7 +238,7 @@ class KitLink(RobotLink):
     def emergency_stop(self) -> None:
         """Stop the motors at once, from any thread. All later calls raise ``StoppedError`` until
         ``release``."""
-        # First, so that no later step of another thread starts a motor again.
+        # This is set first, so that no later step of another thread starts a motor again.
         self._halted.set()
         if self.is_open:
             self._stop_motors()
@@ -263,14 +266,12 @@ class KitLink(RobotLink):
         self.state = LinkState.DISCONNECTED
         atexit.unregister(self.close)
 
-    # ---- inside
-
     def _find(self, motor: Motor) -> tuple[_Device, int]:
         """The device of a motor, and its number there."""
         for ports, device in self.devices.items():
             if motor.port in ports:
                 return device, ports.index(motor.port)
-        # `parts_of` has made a device of each motor.
+        # This cannot happen, because `parts_of` has made a device of each motor.
         raise KeyError(motor.port)
 
     def _start(self, amounts: list[float]) -> None:
@@ -285,7 +286,7 @@ class KitLink(RobotLink):
                     motors.append((motor, index))
             if not motors:
                 continue
-            # In one packet, so that both wheels start at the same moment.
+            # One packet carries both commands, so that both wheels start at the same moment.
             with self._sending(device), device.lego.batch(blocking=False):
                 for motor, index in motors:
                     speed_deg_s, angle_deg = moves[motor.name]
@@ -303,7 +304,7 @@ class KitLink(RobotLink):
         for command, amount in zip(self._interface.commands, amounts, strict=True):
             moves_by = _MOVES[type(command)]
             for name, (speed_deg_s, angle_deg) in moves_by(self._robot, command, amount).items():
-                # A speed of driving and a rate of turn move the same wheels, and add up.
+                # A driving speed and a rate of turn move the same wheels, so they add up.
                 before_deg_s, _ = moves.get(name, (0.0, None))
                 moves[name] = (before_deg_s + speed_deg_s, angle_deg)
         return moves
@@ -316,8 +317,8 @@ class KitLink(RobotLink):
         speed_deg_s: float,
         angle_deg: float | None,
     ) -> None:
-        # Version 1.2.0 of the package rounds a negative number to the next larger one, -20 to -19:
-        # only directions are exact.
+        # Version 1.2.0 of the package rounds a negative number to the next larger one, -20 to -19,
+        # so only directions are exact.
         shaft_deg_s = speed_deg_s * motor.shaft_turns
         is_reversed = shaft_deg_s * (1.0 if angle_deg is None else angle_deg) < 0
         how = {"motor": index, "direction": int(is_reversed), "blocking": False}
@@ -327,7 +328,7 @@ class KitLink(RobotLink):
             shaft_deg = round(abs(angle_deg * motor.shaft_turns))
             lego.motor_run_for_degrees(shaft_deg, speed=speed_pct, **how)
         elif speed_pct:
-            # It has to end by itself, should no other command follow.
+            # The move has to end by itself, in case no other command follows.
             step_ms = self._interface.settle.longest_ms
             hold_ms = step_ms + round(1000 * HOLD_S)
             lego.motor_run_for_time(hold_ms, speed=speed_pct, **how)
@@ -339,7 +340,7 @@ class KitLink(RobotLink):
             product = device.part.product
             if product is Product.COLOR_SENSOR:
                 continue
-            # Of a pair, `motor_stop` stops only the left one, if none is named.
+            # Without a name, `motor_stop` stops only the left motor of a pair.
             is_pair = product is Product.DOUBLE_MOTOR
             stop = device.lego.movement_stop if is_pair else device.lego.motor_stop
             with self._sending(device):
@@ -354,7 +355,7 @@ class KitLink(RobotLink):
             )
         try:
             yield
-        # A mistake of ours in a call, not one of the device.
+        # These errors are a mistake of ours in a call, and not one of the device.
         except (TypeError, ValueError):
             raise
         except Exception as error:
@@ -375,7 +376,8 @@ class KitLink(RobotLink):
         then. Raises HubDisconnectedError or HubTimeoutError if one is lost."""
         for device in self.devices.values():
             title = device.part.product.title
-            # The reports of the first event after the commands were made before these arrived.
+            # The reports of the first event after the commands were made before these arrived, so
+            # those of the second are awaited.
             while (device.before_s if under_commands else device.arrived_s) <= since_s:
                 if not device.lego.connected:
                     raise errors.HubDisconnectedError(
@@ -399,7 +401,7 @@ class KitLink(RobotLink):
             if self.now_s() >= end_s:
                 self._stop_motors()
                 return
-            # Which lets time pass, and raises if a device is lost meanwhile.
+            # Waiting lets time pass, and raises if a device is lost meanwhile.
             self._await_reports(self.now_s())
 
     def _reading(self, started_s: float) -> Reading:
@@ -408,7 +410,7 @@ class KitLink(RobotLink):
             read = _VALUES[type(channel)]
             values.append(float(read(self, channel)))
         now_s = self.now_s()
-        # A reading is as old as the oldest of the reports that it is made of.
+        # A reading is only as fresh as the oldest of the reports that it is made of.
         age_s = max(self._age_s(device) for device in self.devices.values())
         round_trip_s = now_s - started_s
         self.statistics.record(round_trip_s, age_s)
@@ -437,7 +439,7 @@ def _check(robot: Robot, interface: kinds.Interface) -> None:
             is_reported = is_reported and channel.method in _METHODS
         if not is_reported:
             raise channel.error(": no device of LEGO's kits reports it; use another channel")
-    # On a hub, our program clamps each target to it; here the last word is the device's.
+    # Our program on a hub clamps each target to the range, but here the device has the last word.
     for motor in robot.motors:
         if motor.range_deg is not None:
             raise errors.DescriptionError(
@@ -467,7 +469,8 @@ def _driven(
     command: kinds.DriveSpeed | kinds.DriveTurnRate,
     rate: float,
 ) -> dict[str, Move]:
-    # Degrees of the wheels for a distance or an angle are, of a rate, degrees a second.
+    # A rate has no turn of its own, but what the wheels turn for a distance or an angle is, for a
+    # rate, their speed.
     names = command.motors(robot)
     speeds_deg_s = command.wheel_turns_deg(robot, rate)
     return {name: (speed, None) for name, speed in zip(names, speeds_deg_s, strict=True)}
@@ -506,7 +509,7 @@ _SEEN = {"hue": "hue", "saturation": "saturation", "value": "value", None: "refl
 def _motor_angle_deg(link: KitLink, channel: kinds.MotorAngle) -> float:
     motor = link._robot.motor(channel.motor)
     device, index = link._find(motor)
-    # LEGO's package has a list of motors for a Double Motor only.
+    # LEGO's package gives a list of motors for a Double Motor only.
     motors = device.lego.motor
     report = motors[index] if isinstance(motors, list) else motors
     angle_deg = float(report.position) / motor.shaft_turns
@@ -515,7 +518,7 @@ def _motor_angle_deg(link: KitLink, channel: kinds.MotorAngle) -> float:
 
 def _imu(quantity: str) -> Callable[[KitLink, kinds.Channel], float]:
     def value(link: KitLink, _channel: kinds.Channel) -> float:
-        # That of the device which carries the robot: the first of its parts.
+        # The first of its parts is the device that carries the robot.
         carrier = link.devices[link._parts[0].ports]
         number: float = vars(carrier.lego.imu_device)[quantity]
         return number
@@ -525,7 +528,7 @@ def _imu(quantity: str) -> Callable[[KitLink, kinds.Channel], float]:
 
 def _sensed(link: KitLink, channel: kinds.SensorReading) -> float:
     sensor = link._robot.sensor(channel.sensor)
-    # A Color Sensor is a device of its own, and so alone on its port.
+    # A Color Sensor is a device of its own, so it is alone on its port.
     device = link.devices[sensor.port]
     return float(vars(device.lego.sensor)[_SEEN[channel.part]])
 

@@ -35,7 +35,7 @@ _CARD_COLORS = ("RED", "YELLOW", "BLUE", "GREEN", "PURPLE", "MAGENTA", "AZURE", 
 def lego_package(*, is_silent: bool = False) -> Any:
     """LEGO's package. ``is_silent``: what it logs is not printed, as errors say it. Raises
     MediumUnavailableError if it is not installed."""
-    # A handler that does nothing: without any, Python prints what a library warns of.
+    # Without any handler, Python prints a library's warnings, so one that does nothing is added.
     if is_silent:
         logging.getLogger(LEGO_PACKAGE).addHandler(_SILENT)
     try:
@@ -73,7 +73,7 @@ def parts(
                 f"no motor is described on port {port}, where a {hub.value} has one; describe it"
             )
     carrier = Product.DOUBLE_MOTOR if hub is KitKind.DOUBLE_MOTOR else Product.SINGLE_MOTOR
-    # First the one that carries the robot: whoever needs its IMU takes that of the first.
+    # The device that carries the robot comes first, because the IMU is read from the first one.
     found = [KitPart(carrier, carrier_ports)]
     found += [KitPart(Product.SINGLE_MOTOR, port) for port in motors if port not in carrier_ports]
     found += [KitPart(Product.COLOR_SENSOR, port) for port in sensor_ports]
@@ -102,7 +102,7 @@ class Radio(Protocol):
         function: Callable[[], _T],
         limit_s: float | None = None,
     ) -> _T:
-        """What a function returns that waits for a device. Raises HubTimeoutError after a time."""
+        """The result of a function that waits for a device. Raises HubTimeoutError after a time."""
 
     def now_s(self) -> float:
         """Time of the devices, in seconds."""
@@ -143,7 +143,7 @@ class RealRadio:
         function: Callable[[], _T],
         limit_s: float | None = None,
     ) -> _T:
-        # In a thread that can be left behind, as the package may wait for a device for ever.
+        # A thread can be left behind, because the package may wait for a device for ever.
         future: concurrent.futures.Future[_T] = concurrent.futures.Future()
         threading.Thread(
             target=settle,
@@ -157,7 +157,7 @@ class RealRadio:
         return future.result()
 
     def now_s(self) -> float:
-        # Unlike the monotonic clock of Windows, it tells milliseconds.
+        # Unlike the monotonic clock of Windows, this one tells milliseconds.
         return time.perf_counter()
 
     def sleep(self, seconds: float) -> None:

@@ -25,7 +25,7 @@ from brickhub.virtual.stimuli import Hsv
 Report = tuple[str, tuple[int, ...]]
 _Command = Callable[[protocol.Message], None]
 _END_STATES = ("COAST", "BRAKE", "HOLD", "CONTINUE", "COAST_SMART", "BRAKE_SMART", "BRAKE_SMART")
-"""What a motor does after a move, by the number of the end state; the last one is that of -1."""
+"""Ends of a move, by the number of the end state; the last one is that of -1."""
 _DEFAULT_SPEED_PCT = 50
 """Speed of a command without one: the default of ``movement_move_tank_for_degrees`` in LEGO's
 package."""
@@ -34,20 +34,17 @@ _ACCELERATION_DEG_S2_PER_PCT = 100
 _FULL_LEVER_DEG = 45
 """Angle of a lever at 100 %; an estimate."""
 
-# Bits of the motors of a Double Motor.
 _LEFT = 1
 _RIGHT = 2
 
-# Directions of the commands that move both motors; 3 is to the right.
 _FORWARD = 0
 _BACKWARD = 1
 _TO_LEFT = 2
 
-# Directions of a single motor; 0 is clockwise, 3 the longest way.
 _COUNTERCLOCKWISE = 1
 _SHORTEST = 2
 
-# Modes of a Color Sensor; in others it measures nothing.
+# A Color Sensor measures in these modes only.
 _DETECT = 1
 _AMBIENT = 2
 
@@ -61,7 +58,6 @@ _LONGEST_TIMED_MS = 20_000
 """Longest move for a time that the firmware plans as one; a longer one is endless, and stopped when
 its time is over."""
 
-# Range of the battery's voltage, as 100 % and 0 % of charge.
 _FULL_MV = 8300
 _EMPTY_MV = 6000
 
@@ -105,7 +101,7 @@ class KitDevice:
         self.outbox: list[bytes] = []
         self.is_connected = False
         self._machine = machine
-        # No notifications until a program asks for them.
+        # A device sends no notifications until a program asks for them.
         self._period_ms = 0
         self._due_ms = 0
         self._later: dict[str, _Command] = {
@@ -115,7 +111,7 @@ class KitDevice:
         }
         """Commands that have an answer of their own, or at their end; the others are accepted at
         once."""
-        # What is only seen or heard is accepted, so that programs run unchanged.
+        # What can only be seen or heard is accepted without effect, so that programs run unchanged.
         self._commands: dict[str, _Command] = {
             "program_flow": _ignore,
             "light": _ignore,
@@ -139,7 +135,7 @@ class KitDevice:
             command = self._later.get(message.name)
             if command is None:
                 command = self._commands.get(message.name)
-            # What the firmware refuses is answered so, and the device goes on.
+            # The firmware answers what it refuses, and the device goes on.
             try:
                 if command is None:
                     raise RefusedError("no such command")
@@ -151,7 +147,7 @@ class KitDevice:
                     self._answer(message)
 
     def update(self) -> None:
-        """What is due after a control step: ends of moves, and a notification."""
+        """Do what is due after a control step: ends of moves, and a notification."""
         if self._period_ms and self._machine.time_ms >= self._due_ms:
             self._due_ms = self._machine.time_ms + self._period_ms
             self.outbox.append(protocol.encode_notification(self._reports()))
@@ -175,9 +171,11 @@ class KitDevice:
     def _notify(self, message: protocol.Message) -> None:
         self._answer(message)
         self._period_ms = message.values["delay_ms"]
-        # The first one comes with the answer: a comment in LEGO's package expects it within 0.2 s.
+        # The first notification comes with the answer, because a comment in LEGO's package expects
+        # it within 0.2 s.
         self._due_ms = self._machine.time_ms
-        # Not that of a subclass: moves end after a control step, not within a command.
+        # A subclass's `update` also ends moves, which happens after a control step and not within a
+        # command.
         KitDevice.update(self)
 
     def _answer(
@@ -225,7 +223,7 @@ class SingleMotor(KitDevice):
         part: KitPart,
     ) -> None:
         super().__init__(machine, part)
-        # Commands name motors by bits, so that one can name several.
+        # Commands name motors by bits, so that one command can name several.
         self._servos: dict[int, Servo] = {}
         self._drives: dict[int, _Drive] = {}
         for index, port in enumerate(part.ports):
@@ -254,8 +252,8 @@ class SingleMotor(KitDevice):
         }
 
     def connect(self) -> None:
-        # After a link that was lost and not yet ended, its motors are still taken into use, which
-        # a servo refuses twice.
+        # If a lost link has not ended yet, its motors are still in use, and a servo refuses that
+        # twice.
         self.disconnect()
         super().connect()
         for servo in self._servos.values():
@@ -275,14 +273,16 @@ class SingleMotor(KitDevice):
 
     def update(self) -> None:
         for move in list(self._moves):
-            # Stalled first: `is_done` of a timed move or a turn stops the motors as it ends.
+            # Stalls are looked at first, because `is_done` stops the motors when a timed move or a
+            # turn ends.
             servos = [self._servos[bit] for bit in move.bits]
             is_stalled = any(servo.is_stalled() for servo in servos)
             if is_stalled or move.is_done():
                 self._moves.remove(move)
                 status = protocol.Done.INTERRUPTED if is_stalled else protocol.Done.COMPLETED
                 self._answer(move.message, status)
-        # After the ends of moves, so that a notification never shows one before its answer.
+        # This follows the ends of moves, so that a notification never shows an end before its
+        # answer.
         super().update()
 
     def _reports(self) -> list[Report]:
@@ -294,7 +294,8 @@ class SingleMotor(KitDevice):
     def _motor_report(self, bit: int) -> tuple[int, ...]:
         servo = self._servos[bit]
         voltage_mv = servo.voltage_mv or 0
-        power = trunc(voltage_mv * 10_000 / self._machine.body.battery_mv)  # in 0.01 %
+        # LEGO's message has the power in 0.01 %.
+        power = trunc(voltage_mv * 10_000 / self._machine.body.battery_mv)
         angle_mdeg = self._machine.body.angle_mdeg(servo.port)
         absolute_deg = angle_mdeg % 360_000 // 1000
         speed_pct = 100 * servo.speed_deg_s() / protocol.FULL_SPEED_DEG_S
@@ -330,7 +331,7 @@ class SingleMotor(KitDevice):
         """Move motors at shares of the speed of their settings: for a time, by angles, until
         something is so, or endlessly."""
         self._interrupt(drives)
-        # Beyond what the firmware plans as one move.
+        # The firmware does not plan longer moves as one.
         if time_ms is not None and time_ms > _LONGEST_TIMED_MS:
             until = self._stop_after(time_ms, drives)
             time_ms = None
@@ -348,7 +349,7 @@ class SingleMotor(KitDevice):
         if until is not None:
             self._moves.append(_Move(message, frozenset(drives), until))
             return
-        # An endless move has its answer at once, and no end of its own.
+        # An endless move is answered at once, because it has no end of its own.
         for bit in drives:
             self._endless[bit] = shares[bit]
         self._answer(message)
@@ -377,7 +378,7 @@ class SingleMotor(KitDevice):
     def _halt(self, drives: Mapping[int, _Drive]) -> None:
         for bit, drive in drives.items():
             then = drive.then
-            # To go on after a move has no meaning where the motor is to stop.
+            # Going on after a move has no meaning where the motor is to stop.
             if then is OnCompletion.CONTINUE:
                 then = OnCompletion.COAST
             self._servos[bit].stop(then)
@@ -422,7 +423,7 @@ class SingleMotor(KitDevice):
     ) -> None:
         """Turn each motor by an angle at the magnitude of its speed."""
         drives = self._named(message)
-        # The sign of the angle says where; a second one, of the speed, would turn it round.
+        # The sign of the angle gives the direction, and a sign of the speed would reverse it.
         shares = {}
         for bit, drive in drives.items():
             shares[bit] = math.copysign(1.0, drive.speed_pct)
@@ -446,7 +447,7 @@ class SingleMotor(KitDevice):
             ways_deg = (clockwise_deg, clockwise_deg - 360.0)
             if direction < _SHORTEST:
                 return ways_deg[direction]
-            # At half a turn, both ways are as long: the clockwise one stands first.
+            # At half a turn both ways are equally long, and the clockwise one comes first.
             choose = (min, max)[direction - _SHORTEST]
             return choose(ways_deg, key=abs)
 
@@ -461,7 +462,8 @@ class SingleMotor(KitDevice):
         self._set(message, lambda servo: servo.reset_angle(position_deg))
 
     def _set_duty(self, message: protocol.Message) -> None:
-        duty_pct = trunc(message.values["duty"] / 100)  # in 0.01 % in the message
+        # LEGO's message has the duty in 0.01 %, but a servo takes percent.
+        duty_pct = trunc(message.values["duty"] / 100)
         self._set(message, lambda servo: servo.dc(duty_pct))
 
     def _set(
@@ -486,7 +488,8 @@ class SingleMotor(KitDevice):
     ) -> None:
         for bit, drive in drives.items():
             drive.speed_pct = message.values["speed"]
-            # A new speed acts at once on an endless move, and on the next one otherwise.
+            # A new speed acts at once on an endless move, but on other moves only with the next
+            # one.
             share = self._endless.get(bit)
             if share is not None:
                 self._servos[bit].run(drive.speed_deg_s(share))
@@ -540,7 +543,7 @@ class DoubleMotor(SingleMotor):
         part: KitPart,
     ) -> None:
         super().__init__(machine, part)
-        # One value for both: what is set for the pair holds for the pair.
+        # One object serves both, because settings of the pair hold for the pair.
         settings_of_pair = _Drive()
         self._pair = {_LEFT: settings_of_pair, _RIGHT: settings_of_pair}
         self._steering_pct = 100
@@ -576,11 +579,11 @@ class DoubleMotor(SingleMotor):
         ]
 
     def _imu_report(self) -> tuple[int, ...]:
-        # In this order: each reading of a noisy sensor draws a random number.
+        # The order matters, because each reading of a noisy sensor draws a random number.
         body = self._machine.body
         force_mm_s2 = body.acceleration_mm_s2()
         spin_deg_s = body.angular_velocity_deg_s()
-        # At rest, an accelerometer feels a force upward: the face with the most of it is on top.
+        # An accelerometer at rest feels a force upward, so the face with most of it is on top.
         parts_mm_s2 = [_along(force_mm_s2, face) for face in range(len(protocol.FACES))]
         upper_face = parts_mm_s2.index(max(parts_mm_s2))
         yaw_deg = self._turned() + self._yaw_offset
@@ -588,7 +591,7 @@ class DoubleMotor(SingleMotor):
         tilt_deg = body.tilt_deg()
         force_mg = [_MG_PER_MM_S2 * value for value in force_mm_s2]
         numbers = (yaw_deg, *tilt_deg, *force_mg, *spin_deg_s)
-        # All are int16 in a report.
+        # All numbers are int16 in a report.
         fields = [_clamp(number, -32768, 32767) for number in numbers]
         return (upper_face, self._yaw_face, *fields)
 
@@ -608,7 +611,8 @@ class DoubleMotor(SingleMotor):
 
     def _shares(self, message: protocol.Message) -> dict[int, float]:
         """Shares of the speed for a direction; the left motor is mounted the other way round."""
-        # Steering: 100 % turns on the spot, 50 % around the inner wheel, 0 % drives straight.
+        # At a steering of 100 % the robot turns on the spot, at 50 % around its inner wheel, and at
+        # 0 % it drives straight, so the inner wheel's share falls with it.
         inner = 1.0 - self._steering_pct / 50
         direction = message.values["direction"]
         if direction == _FORWARD:
@@ -651,14 +655,14 @@ class DoubleMotor(SingleMotor):
         left = -message.values["left"] / 100
         right = message.values["right"] / 100
         shares = {_LEFT: left, _RIGHT: right}
-        # The two speeds are of the full one, whatever speed is set for the pair.
+        # Both speeds are shares of the full one, whatever speed is set for the pair.
         drives = {}
         for bit, drive in self._pair.items():
             drives[bit] = _Drive(100, drive.then)
         if degrees is None:
             self._start(message, drives, shares)
             return
-        # Two motors at rest have no faster one: they turn by nothing.
+        # If both speeds are 0 there is no faster one, and dividing by 1 gives no turn.
         fastest = max(abs(left), abs(right)) or 1.0
 
         def angle_deg(bit: int) -> float:
@@ -689,7 +693,8 @@ class DoubleMotor(SingleMotor):
                     return False
                 self._halt(self._pair)
                 return True
-            # From speed v at deceleration a it turns on as by v for v / 2a.
+            # A motor that brakes from speed v at deceleration a turns as far as at v in the time v
+            # / 2a.
             settings = servos[0].settings
             speed_steps_s = abs(servos[0].speed_deg_s(_WINDOW_MS)) * settings.steps_per_unit
             slow_s = speed_steps_s / (2 * settings.deceleration)
@@ -701,7 +706,7 @@ class DoubleMotor(SingleMotor):
                     servo.run(0)
             return False
 
-        # A turn is always on the spot; the steering that is set is for moves.
+        # A turn is always on the spot, because the steering that is set is for moves.
         steering_pct = self._steering_pct
         self._steering_pct = 100
         shares = self._shares(message)
@@ -745,7 +750,7 @@ class ColorSensor(KitDevice):
         hsv = self._plug.reflected_hsv(False)
         index = nearest(hsv, list(_DETECTABLE.values()))
         color = protocol.NO_COLOR if index is None else list(_DETECTABLE)[index]
-        # Raw values of SPIKE's sensor have 10 bits, those of the kits 8.
+        # The raw values of SPIKE's sensor have 10 bits, and those of the kits 8.
         reflection_pct = sum(raw) * 100 // 3072
         raw_8_bits = [min(value // 4, 255) for value in raw]
         return color, reflection_pct, *raw_8_bits, *hsv

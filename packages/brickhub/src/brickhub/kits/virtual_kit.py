@@ -64,7 +64,7 @@ class Peer:
     def __repr__(self) -> str:
         return f"{self.address}: {self.name}"
 
-    # ---- in the thread of LEGO's package
+    # The methods from here on run in the thread of LEGO's package.
 
     def connect(
         self,
@@ -78,7 +78,7 @@ class Peer:
                 return False
             kit.loop = asyncio.get_running_loop()
             kit.package_thread = threading.get_ident()
-            # What was on its way over an earlier link is lost with that.
+            # What was on its way over an earlier link is lost with that link.
             self._down.clear()
             self._up.clear()
             self.device.connect()
@@ -93,7 +93,7 @@ class Peer:
         kit = self._kit
         with kit.awake:
             kit.check_stopped()
-            # A packet into a broken link is lost silently, as the radio takes it all the same.
+            # The radio accepts a packet into a broken link and loses it silently.
             if kit.in_reach():
                 due_ms = self._radio.to_hub_ms(kit.machine.time_ms, kit.link)
                 self._down.append((due_ms, packet))
@@ -106,33 +106,35 @@ class Peer:
             self._notify = None
             if self._kit.in_reach():
                 self.device.disconnect()
-        # Outside of the lock, as it is a function of the package, and once for each connection.
+        # The package's function is called outside of the lock, because nobody knows what it needs,
+        # and only once for each connection.
         if notify is not None:
             self._gone()
 
-    # ---- in the thread of the world
+    # The methods from here on run in the thread of the world.
 
     def exchange(self, now_ms: int) -> list[_Delivery]:
         """Hand the device what has arrived, take what it sends, and return what has arrived at this
         computer."""
         device = self.device
-        # A link that broke stays lost, also when the device is in reach again.
+        # A broken link stays lost, even if the device is in reach again.
         if not self._kit.in_reach() and self._lost_ms is None:
             self._lost_ms = now_ms
         is_lost = self._lost_ms is not None
         if self._lost_ms is not None and device.is_connected:
-            # The device notices it only after this time, and goes on with its last command.
+            # The device notices the loss only after this time, and goes on with its last command
+            # until then.
             silent_ms = now_ms - self._lost_ms
             if silent_ms >= SUPERVISION_S * 1000:
                 device.disconnect()
-        # Written out twice, as this runs for each device in each control step.
+        # This is written out twice, because it runs for each device in each control step.
         while self._down and self._down[0][0] <= now_ms:
             _, packet = self._down.popleft()
             if device.is_connected and not is_lost:
                 device.receive(packet)
         if device.is_connected:
             device.update()
-        # All that it has to say goes at one connection event, of one random delay.
+        # All messages of a device share one connection event, and so one random delay.
         if device.outbox and not is_lost:
             due_ms = self._radio.to_computer_ms(now_ms, self._kit.link)
             for packet in device.outbox:
@@ -181,7 +183,7 @@ class VirtualKit:
             sensor_ports = [sensor.port for sensor in body.robot.sensors]
         kit_parts = parts(body.robot.hub, self.machine.servos, sensor_ports)
         devices = devices_of(self.machine, kit_parts)
-        # Each device has a link, and so a seed, of its own, which none has under another seed.
+        # Each device has its own link and seed, and no other seed may lead to the same ones.
         first_seed = seed * len(devices)
         self.peers = [
             Peer(self, device, first_seed + number) for number, device in enumerate(devices)
@@ -204,7 +206,8 @@ class VirtualKit:
     def attach(self) -> None:
         """Let LEGO's package find virtual devices. Raises MediumUnavailableError if it is not
         installed."""
-        # Before the imports of that package, whose failure would not say what to install.
+        # This comes before the imports of LEGO's package, whose failure would not say what to
+        # install.
         lego_package()
         from legoeducation.ble_transport import register_transport
 
@@ -244,7 +247,7 @@ class VirtualKit:
         if self._is_stopped:
             raise SystemExit
 
-    # ---- the world, in the thread that calls
+    # The methods from here on run in the thread that calls them, and move the world.
 
     def sleep(self, seconds: float) -> None:
         """Let the world go on for some time."""
@@ -266,7 +269,8 @@ class VirtualKit:
 
         def work() -> None:
             settle(future, function)
-            # Its end is something that it does: the world need not wait any longer.
+            # The end of the program is something that it does, so the world need not wait any
+            # longer.
             with self.awake:
                 self.wake()
 
@@ -274,7 +278,7 @@ class VirtualKit:
         limit_ms = math.inf
         if limit_s is not None:
             limit_ms = self.machine.time_ms + limit_s * 1000
-        # A daemon, as a program that computes for ever cannot be ended.
+        # A program that computes for ever cannot be ended, so its thread is a daemon.
         threading.Thread(
             target=work,
             name="program",
@@ -288,7 +292,7 @@ class VirtualKit:
                         f"nothing answered within {limit_s:g} s; check that the devices are on "
                         "and near"
                     )
-        # Ctrl-C too: the motors of a program that is gone must not go on.
+        # Ctrl-C is caught too, because the motors of a program that is gone must not go on.
         except BaseException:
             self._stop_program()
             raise
@@ -301,7 +305,7 @@ class VirtualKit:
         if self.is_realtime or self._sleepers or self._hand_over([]):
             self._tick()
             return
-        # It computes, or polls. Once found to poll, it sees time pass as in reality.
+        # The program computes, or polls. Once it is found to poll, its time passes as in reality.
         patience_s = CONTROL_LOOP_MS / 1000 if self._idle == events else _IDLE_S
         with self.awake:
             if self.awake.wait_for(lambda: self._events != events, patience_s):
@@ -324,7 +328,7 @@ class VirtualKit:
                 arrived += peer.exchange(machine.time_ms)
             self._sleepers = [due_ms for due_ms in self._sleepers if due_ms > machine.time_ms]
             self.awake.notify_all()
-        # Without the lock, which the package's thread may need for what it does then.
+        # The lock is released here, because the package's thread may need it for what it does next.
         if arrived:
             self._hand_over(arrived)
         if self._pace is not None:
@@ -342,7 +346,7 @@ class VirtualKit:
                 await notify(None, packet)
             for _ in range(_TURNS):
                 await asyncio.sleep(0)
-            # This one is among them.
+            # This task itself is one of those counted, so it is taken off.
             return len(before & asyncio.all_tasks()) - 1
 
         return asyncio.run_coroutine_threadsafe(deliver(), self.loop).result()
@@ -354,11 +358,11 @@ class VirtualKit:
         for peer in self.peers:
             peer.disconnect()
 
-    # ---- the program, in its thread
+    # The methods from here on run in the program, in its thread.
 
     def wait(self, seconds: float) -> None:
         """``time.sleep`` of a program: the world goes on in its own thread."""
-        # Within a notification: LEGO's package waits for it, and nothing else can happen.
+        # Within a notification nothing else can happen, because LEGO's package waits for its end.
         if threading.get_ident() == self.package_thread:
             return
         with self.awake:

@@ -16,7 +16,7 @@ class KindType(enum.EnumType):
     """Type of an enumeration that names its members where a name is wrong."""
 
     def __getattr__(cls, name: str) -> Any:
-        # Python and its tools ask for names such as ``__wrapped__`` by the way.
+        # Python and its tools ask every object for names such as `__wrapped__`.
         if name.startswith("_"):
             raise AttributeError(name)
         names = list(cls.__members__)
@@ -32,8 +32,8 @@ class _Kind(enum.Enum, metaclass=KindType):
     model: Any
 
     def __new__(cls, model: Any) -> Self:
-        # The name is the value, so that files and messages name a kind, and ``HubKind("prime")``
-        # finds it.
+        # The name is the value of each member, so that files and messages name a kind and
+        # `HubKind("prime")` finds it.
         kind = object.__new__(cls)
         kind._value_ = model.name
         kind.model = model
@@ -112,7 +112,7 @@ class HubModel:
         return self.program_bytes > 0
 
 
-# Wireless devices whose classes the firmware of the smaller hubs leaves out.
+# The firmware of the smaller hubs leaves out the classes of these wireless devices.
 _RARE_DEVICES = ("DuploTrain", "MarioHub", "TechnicMoveHub")
 
 
@@ -199,7 +199,8 @@ class HubKind(_Kind):
         own_motors="AB",
         own_kind="move-hub",
         program_bytes=7 * 1024,
-        # Without standard input, which is 0 by default, no program of ours can hear its host.
+        # This hub has no standard input, which takes 0 bytes by default, so no program of ours can
+        # hear its host.
         stack_bytes=3_528,
         call_bytes=232,
         has_accelerometer=True,
@@ -240,7 +241,7 @@ class KitKind(_Kind):
         is_rechargeable=True,
         buttons=(),
     )
-    """Its left motor is on port A, its right one on port B."""
+    """The Double Motor, whose left motor is on port A and whose right one is on port B."""
     SINGLE_MOTOR = replace(
         DOUBLE_MOTOR,
         name="single-motor",
@@ -252,7 +253,7 @@ class KitKind(_Kind):
 
 
 AnyHub = HubKind | KitKind
-"""What carries a robot's devices."""
+"""Kinds of devices that carry the other devices of a robot."""
 
 
 @dataclass(frozen=True)
@@ -302,7 +303,7 @@ class MotorKind(_Kind):
         case="interactive",
         is_absolute=False,
     )
-    # Plain motors, of which a hub knows no angle: only a duty cycle can be set.
+    # Plain motors have no encoder, so a hub can only set their duty cycle.
     MEDIUM_LINEAR = MotorModel(
         "medium-linear",
         1,
@@ -368,7 +369,7 @@ class SensorKind(_Kind):
 
     model: SensorModel
 
-    # Its distance is no reading among others: a ``Distance`` has a noise of its own in a twin.
+    # The distance has a noise of its own in a twin, so it is a `Distance` and no plain reading.
     ULTRASONIC = SensorModel(
         "UltrasonicSensor",
         62,

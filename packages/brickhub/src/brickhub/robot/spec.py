@@ -85,14 +85,15 @@ class Motor:
                 f"motor '{self.name}': end stops {self.end_stops_deg} leave no way; give (lowest, "
                 "highest) in degrees"
             )
-        # Here rather than on the hub, where a motor without an encoder has no such methods.
+        # This is checked here rather than on the hub, where a motor without an encoder has no such
+        # methods.
         for field in ("speed_limit_deg_s", "acceleration_deg_s2", "torque_limit_mnm", "range_deg"):
             value = getattr(self, field)
             if value is not None and not self.kind.model.has_encoder:
                 raise DescriptionError(
                     f"motor '{self.name}': a {self.kind.value} motor has no encoder; omit {field}"
                 )
-            # The range is a pair, and was looked at before.
+            # The range is a pair, and was checked before.
             if isinstance(value, int) and value < 1:
                 raise DescriptionError(
                     f"motor '{self.name}': {field} is {value}; give a positive number or None"
@@ -109,7 +110,7 @@ LOOKS: dict[str, tuple[float, float, float]] = {
 }
 """Directions in the axes of a robot: x forward, y left, z up."""
 HUB_FLAT = ("up", "ahead")
-"""Where top and front of a hub look that lies flat, with its USB port ahead."""
+"""Directions of top and front of a hub that lies flat, with its USB port ahead."""
 
 
 @dataclass(frozen=True)
@@ -274,15 +275,15 @@ class Robot:
     mirrored: tuple[tuple[str, str], ...] = ()
 
     def __post_init__(self) -> None:
-        # Unlike that of a device, it becomes no variable on the hub, and may have hyphens.
+        # A robot's name becomes no variable on the hub, unlike a device's, so it may have hyphens.
         _check_name(str(self.name).replace("-", "_"))
-        # A list is as good, but has no hash.
+        # A list is as good as a tuple, but it cannot be hashed.
         for field in ("motors", "sensors"):
             value = getattr(self, field)
             if isinstance(value, list):
                 object.__setattr__(self, field, tuple(value))
         check_fields(Robot, vars(self))
-        # What is missing is in the plan; once it is completed, it is checked like any other.
+        # The plan has what is missing, and the completed robot is checked like any other.
         if self.plan is not None:
             return
         if not self.hub_sides:
@@ -305,7 +306,7 @@ class Robot:
                 )
             left = self.motor(self.drive_base.left)
             right = self.motor(self.drive_base.right)
-            # The firmware refuses such a pair only when the program runs.
+            # The firmware refuses such a pair only when the program runs, which is late.
             if left.gears != right.gears:
                 raise self._error("both motors of a drive base need the same gears")
         self._check_mirror()
@@ -328,7 +329,7 @@ class Robot:
         for device in devices:
             if not device.port:
                 raise self._error(f"'{device.name}' has no port; say it, or name a plan that does")
-            # The length too: "AB" is a part of the text "ABCDEF".
+            # The length is checked too, because "AB" is part of the text "ABCDEF".
             if len(device.port) != 1 or device.port not in self.hub.model.ports:
                 ports = f"a {self.hub.value} hub has ports {', '.join(self.hub.model.ports)}"
                 raise self._error(
@@ -356,7 +357,8 @@ class Robot:
                     "the robot once"
                 )
         for pair in self.mirrored:
-            # What has to be equal of both.
+            # Devices of a pair take each other's place in a mirror, so kind and gears of both have
+            # to be equal.
             sorts: set[tuple[MotorKind | SensorKind, tuple[int, ...]]] = set()
             for motor in self.motors:
                 if motor.name in pair:
@@ -376,7 +378,8 @@ class Robot:
         pairs = dict(self.mirrored) | {second: first for first, second in self.mirrored}
         other = pairs.get(name, name)
         directions = {motor.direction for motor in self.motors if motor.name in (name, other)}
-        # Two that are described with opposite directions count alike already; sensors have none.
+        # Two motors with opposite directions already count alike in a mirror, and sensors have no
+        # direction.
         turns_other_way = name in pairs and len(directions) == 1
         return other, -1 if turns_other_way else 1
 
@@ -410,7 +413,8 @@ def _are_at_right_angles(sides: tuple[str, ...]) -> bool:
 
 def _check_device(device: Motor | Sensor) -> None:
     _check_name(device.name)
-    # Before the check of all fields, for a remedy: Pybricks has ``Port.A`` there.
+    # This comes before all other checks, because Pybricks writes `Port.A` here and the message can
+    # say what to write.
     if not isinstance(device.port, str):
         raise DescriptionError(
             f"'{device.name}' is on port {device.port!r}; give the port's letter, such as 'A'"
@@ -419,7 +423,7 @@ def _check_device(device: Motor | Sensor) -> None:
 
 
 def _check_name(name: str) -> None:
-    # It is part of a variable's name in the hub program.
+    # The name becomes part of a variable's name in the hub program.
     if not isinstance(name, str) or not name.isidentifier():
         raise DescriptionError(
             f"'{name}' is not a name; use letters, digits and underscores, not starting "
@@ -443,10 +447,10 @@ def _find_device(
 def with_end_stops(robot: Robot, end_stops: Mapping[str, tuple[float, float]]) -> Robot:
     """The robot whose motors of these names meet something at these angles (deg of the output).
     Raises DescriptionError if it has no such motor, or the stops leave no way."""
-    # The same robot, which need not be checked again.
+    # The robot is unchanged, so it need not be checked again.
     if not end_stops:
         return robot
-    # Raises for a name that no motor has.
+    # `motor` raises for a name that no motor has.
     for name in end_stops:
         robot.motor(name)
     motors = (

@@ -26,7 +26,7 @@ _MODULES = {
 }
 
 
-# At first use, so that who needs one of them, or a module beside them, does not import the others.
+# Each name is imported at first use, so that whoever needs one of them does not load the others.
 def __getattr__(name: str) -> Any:
     if name not in _MODULES:
         raise AttributeError(f"module '{__name__}' has no attribute '{name}'")

@@ -20,7 +20,6 @@ from brickhub.virtual.stimuli import DEFAULT_STIMULI, Reading, Sensed, number
 
 _FRICTION_UNM = 21413.268
 _FRICTION_LINEAR_BELOW_MDEG_S = 2000.0
-# Stiffness and damping of an end stop.
 _STOP_UNM_PER_MDEG = 500.0
 _STOP_UNM_PER_MDEG_S = 5.0
 _MAX_DUTY = 1000
@@ -69,8 +68,8 @@ class BenchMotor:
             excess = self.angle - max(low, min(self.angle, high))
             if excess:
                 torque += excess * _STOP_UNM_PER_MDEG + v * _STOP_UNM_PER_MDEG_S
-        # x(k+1) = A x(k) + B u(k) of the firmware's simulation, in its order of operations, which
-        # decides the last digit of a drive base's angle.
+        # This is x(k+1) = A x(k) + B u(k) of the firmware's simulation. Its order of operations is
+        # kept, because it decides the last digit of a drive base's angle.
         angle = self.angle + v * 0.0009981527613056019 + i * 0.001957577848006867
         self.angle = angle + u * 0.0002818172865566039 + torque * -9.498678309037282e-05
         self.speed = (
@@ -124,11 +123,12 @@ class BenchBody:
         self.link = PROFILES[DEFAULT_LINK]
         self._readings = _readings_by_sense(robot, readings)
         self._kinds = {sensor.port: sensor.kind for sensor in robot.sensors}
-        # Name and port of each motor, and mdeg of its shaft for a degree of its output.
+        # Angles are given at the output but bodies turn shafts, so each motor has its number of
+        # mdeg for a degree.
         self._outputs = [
             (motor.name, motor.port, 1000.0 * motor.shaft_turns) for motor in robot.motors
         ]
-        # What is given here goes before what is described.
+        # Stops that are given here go before those of the description.
         stops = _end_stops_mdeg(robot, {**described_end_stops(robot), **end_stops})
         self._motors: dict[str, BenchMotor] = {}
         for motor in robot.motors:
@@ -153,7 +153,8 @@ class BenchBody:
         port: str,
         voltage_mv: int | None,
     ) -> None:
-        # Through the steps of the PWM, as the firmware's test build: they cost some millivolts.
+        # The voltage passes through the steps of the PWM, as in the firmware's test build, which
+        # cost some millivolts.
         duty = int((voltage_mv or 0) * _MAX_DUTY / self.battery_mv)
         duty = max(-_MAX_DUTY, min(_MAX_DUTY, duty))
         motor = self._motors[port]
@@ -188,7 +189,7 @@ class BenchBody:
         return min(max(distance_mm, _NEAREST_MM), _FARTHEST_MM)
 
     def tilt_deg(self) -> tuple[float, float]:
-        # -0.0, as computed from a vertical acceleration.
+        # A vertical acceleration gives -0.0 here, not 0.0.
         return -0.0, 0.0
 
     def angular_velocity_deg_s(self) -> tuple[float, float, float]:
@@ -207,7 +208,7 @@ class BenchBody:
 def _place(error: Exception, reading: Reading) -> tuple[str, int]:
     """File and line of a scene's reading at which it raised an error."""
     file = reading.__code__.co_filename if hasattr(reading, "__code__") else "its file"
-    # The first entry of the traceback is the call here, the next one the reading itself.
+    # The traceback begins with the call here; the next entry is the reading itself.
     here = error.__traceback__
     inside = here.tb_next if here else None
     line = inside.tb_lineno if inside else 0
@@ -244,8 +245,8 @@ def _end_stops_mdeg(
         )
     stops = {}
     for name, angles_deg in end_stops.items():
-        # Negative for a motor whose positive direction is counterclockwise: lowest and highest
-        # change places then.
+        # For a motor that counts counterclockwise the scale is negative, so lowest and highest
+        # change places.
         scale = 1000.0 * motors[name].shaft_turns
         low, high = sorted(angle * scale for angle in angles_deg)
         stops[motors[name].port] = low, high
@@ -269,7 +270,7 @@ def _readings_by_sense(
         )
     for sensor in robot.sensors:
         model = sensor.kind.model
-        # Nothing near is a sensible reading of a distance; others have none.
+        # "Nothing near" is a sensible default for a distance, but other sensors have none.
         needs_reading = model.senses and model.range_mm is None
         if needs_reading and sensor.name not in readings:
             raise TwinError(
@@ -393,8 +394,18 @@ class FittedBench(BenchBody):
             sense = reading.sense_of(device)
             self._readings.setdefault((port, sense), self._in_time(reading))
 
+    def set_reading(
+        self,
+        port: str,
+        sense: Sense,
+        stimulus: Sensed,
+    ) -> None:
+        """Let the sensor on a port sense this from now on, in place of its reading; also one that
+        the program has not used yet."""
+        self._readings[port, sense] = lambda _: stimulus
+
     def _in_time(self, reading: GivenReading) -> Reading:
-        """What a sensor reads, as given for each moment."""
+        """Readings of a sensor, as given for each moment."""
         return lambda _: reading.at(self._time_ms / 1000)
 
     def block(
@@ -406,7 +417,7 @@ class FittedBench(BenchBody):
         counterclockwise (-1)."""
         motor = self._motors[port]
         low, high = motor.stops or (-math.inf, math.inf)
-        # Said once: from now on it has stops.
+        # This is said once, because from now on the motor has stops.
         if motor.stops is None:
             self._tell(
                 f"The bench blocks the motor on port {port} after 90 degrees, as the program runs "
@@ -437,7 +448,7 @@ class FittedBench(BenchBody):
         is_settled = self._report is None or self._turns
         if is_settled or len(pair) < 2:
             return
-        # As long as neither has turned, nobody can see a difference.
+        # As long as neither motor has turned, nobody can see a difference.
         first, second = pair
         has_turned = self._motors[first].angle or self._motors[second].angle
         if not has_turned:
@@ -463,9 +474,10 @@ class FittedBench(BenchBody):
         self._report = None
 
     def mount(self, up: tuple[float, float, float]) -> None:
-        """In a robot with motors, up is this direction in the hub's frame."""
+        """Mount the hub of a robot with motors such that up is this direction in the hub's
+        frame."""
         x, y, z = up
-        # -0.0 would change the roll of a hub on end by 180 degrees.
+        # Adding 0.0 removes a -0.0, which would change the roll of a hub on end by 180 degrees.
         self._up = x + 0.0, y + 0.0, z + 0.0
 
     def heading_deg(self) -> float:
@@ -501,6 +513,7 @@ class FittedBench(BenchBody):
         return self._devices.get(port)
 
     def _about_vertical(self, clockwise: float) -> tuple[float, float, float]:
-        # A rotation vector points along its axis if it is counterclockwise.
+        # A rotation vector points along its axis if the rotation is counterclockwise, but headings
+        # count clockwise.
         x, y, z = self._up
         return -clockwise * x, -clockwise * y, -clockwise * z

@@ -27,7 +27,6 @@ class Body(Protocol):
 
     robot: Robot
     """Hub, motors and sensors with their ports."""
-    # What a full duty applies to a motor.
     battery_mv: int
     link: LinkProfile
     """Delays and losses of the hub's link."""

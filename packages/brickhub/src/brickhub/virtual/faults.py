@@ -21,7 +21,8 @@ from brickhub.virtual.stimuli import DEFAULT_STIMULI, Sensed
 _LOWEST_V = 3.0
 _HIGHEST_V = 9.0
 _MOST_SLIP = 0.95
-"""Less than 1, as the motor's angle is the wheel's by the share that is kept."""
+"""Largest slip. It is less than 1, because the motor's angle is that of the wheel divided by the
+share that is kept."""
 _REFUSALS = 2
 """Calls for which a hub stays out of reach after its link broke."""
 _NOTHING_SENSED: dict[Sense, Sensed] = {
@@ -93,7 +94,7 @@ def _weaken(body: "FaultyBody", fault: Fault) -> None:
 
 
 def _reverse(body: "FaultyBody", fault: Fault) -> None:
-    # Given twice, the motor turns the right way again.
+    # A fault that is given twice turns the motor the right way again.
     motor = body.motor(fault)
     body.directions[motor.port] = -body.directions.get(motor.port, 1)
 
@@ -125,7 +126,7 @@ def _replug(body: "FaultyBody", fault: Fault) -> None:
     if fault.port == device.port:
         body.wire({})
         return
-    # Two devices cannot share a port: what is there goes to where this one was.
+    # Two devices cannot share a port, so the one that is there takes the other's place.
     new_ports = {device.name: fault.port}
     for other in (*body.robot.motors, *body.robot.sensors):
         if other.port == fault.port:
@@ -207,7 +208,7 @@ def parse_fault(text: str) -> Fault:
     """Parse a fault such as ``battery=6.2``, ``reversed:left`` or ``port:left=C``. Raises
     DescriptionError if it is none."""
     match = re.fullmatch(r"\s*(\w+)\s*(?::\s*(\w+)\s*)?(?:=\s*(\S+)\s*)?", text)
-    # Of a text that is no fault, all of it serves to guess what was meant.
+    # A text that is no fault serves as a whole to guess what was meant.
     name = match[1].lower() if match else text
     if match is None or name not in FAULT_KINDS:
         examples = ", ".join(kind.example for kind in FAULT_KINDS.values())
@@ -249,7 +250,7 @@ def with_faults(body: Body, faults: Sequence[str]) -> Body:
         return body
     faulty = FaultyBody(body)
     parsed = [parse_fault(text) for text in faults]
-    # Wires first: other faults are those of a device, wherever it is plugged in.
+    # Wiring comes first, because other faults belong to a device wherever it is plugged in.
     parsed.sort(key=lambda fault: fault.kind not in ("port", "absent"))
     for fault in parsed:
         FAULT_KINDS[fault.kind].apply(faulty, fault)
@@ -257,7 +258,7 @@ def with_faults(body: Body, faults: Sequence[str]) -> Body:
 
 
 def sound_body(body: Body | None) -> Any:
-    """What is there to see of a robot: the body within a faulty one."""
+    """The body of a robot that can be seen: the one within a faulty one."""
     return body.sound if isinstance(body, FaultyBody) else body
 
 
@@ -289,12 +290,10 @@ class FaultyBody:
         self._sound_ports: dict[str, str] = {}
 
     def __getattr__(self, name: str) -> Any:
-        # While a copy is made, there is no sound body yet: asking for it would never end.
+        # A copy in the making has no sound body yet, and asking for it would never end.
         if name == "sound":
             raise AttributeError(name)
         return getattr(self.sound, name)
-
-    # ---- how faults are added
 
     def device(self, fault: Fault) -> Any:
         """The device of a fault. Raises DescriptionError if the robot does not have it, or it is
@@ -330,8 +329,8 @@ class FaultyBody:
                     plugged_in.append(replace(device, port=new_port))
             return tuple(plugged_in)
 
-        # Past the checks of a description, which would have to have all devices of its drive base
-        # and its plan.
+        # The copy avoids the checks of a description, which would demand all devices of its drive
+        # base and its plan.
         wired = copy.copy(self.robot)
         for field in ("motors", "sensors"):
             object.__setattr__(wired, field, plugged(getattr(self.robot, field)))
@@ -343,8 +342,6 @@ class FaultyBody:
     def sound_port(self, port: str) -> str:
         """Port in the description of the device that is on a port."""
         return self._sound_ports.get(port, port)
-
-    # ---- the body
 
     @property
     def battery_mv(self) -> int:
@@ -370,8 +367,8 @@ class FaultyBody:
 
     def angle_mdeg(self, port: str) -> int:
         angle_mdeg = self.sound.angle_mdeg(self.sound_port(port))
-        # The sound body's wheel turns as far as the floor sees it; the motor, and its sensor with
-        # it, turns further.
+        # The sound body's wheel turns as far as the floor sees it, but the motor and its sensor
+        # turn further.
         if port in self.kept_shares:
             start_mdeg = self.start_mdeg[port]
             turned_mdeg = (angle_mdeg - start_mdeg) / self.kept_shares[port]
@@ -386,8 +383,8 @@ class FaultyBody:
         if voltage_mv is None or port in self.dead_ports:
             self.sound.set_voltage(self.sound_port(port), None)
             return
-        # A motor gets no more than the weak battery has, and a slipping wheel is slower by as much
-        # as is lost.
+        # A motor gets no more than the weak battery has, and a slipping wheel is slower by the
+        # share that is lost.
         battery_mv = self.battery_mv
         limited_mv = max(-battery_mv, min(battery_mv, voltage_mv))
         share = self.kept_shares.get(port, 1.0)
@@ -402,7 +399,7 @@ class FaultyBody:
     ) -> Sensed:
         if port not in self.dead_ports:
             return self.sound.sensed(self.sound_port(port), sense)
-        # Other sensors of a distance, by infrared light, tell theirs in percent.
+        # Infrared sensors of a distance tell it in percent instead.
         is_far = sense is Sense.DISTANCE and self._measures_mm(port)
         return float(UltrasonicSensor.FARTHEST_MM) if is_far else _NOTHING_SENSED[sense]
 

@@ -21,7 +21,7 @@ _EXAMPLES = (
     "B=10,-5deg (pitch, roll), B=@file"
 )
 _CELLS = _EXAMPLES.replace("B=", "").removesuffix(", @file")
-"""What a table may have; none of it depends on what separates its columns."""
+"""Examples of cells in a table, none of which depends on what separates its columns."""
 _COMMAS = " (a comma separates columns here; write 2.5, or separate columns by ;)"
 _COUNTS_BY_UNIT: Mapping[str | None, tuple[int, ...]] = {None: (1, 2, 3), "deg": (1, 2)}
 """Numbers that may have a unit together; one of other units."""
@@ -56,12 +56,12 @@ class GivenReading:
     def at(self, time_s: float) -> Sensed:
         """The value at a simulated time."""
         index = bisect.bisect_right(self.times_s, time_s) - 1
-        # Before the first time its value holds already: a sensor always senses something.
+        # A sensor always senses something, so before its first time the first value holds.
         return self.values[max(0, index)]
 
     def sense_of(self, device: str) -> Sense:
-        """What a device of a class of ``pybricks.pupdevices`` senses by it. Raises TwinError if it
-        has no such sense, or if the values do not suit that."""
+        """Sense of a device of a class of ``pybricks.pupdevices`` that these values are for. Raises
+        TwinError if it has no such sense, or if the values do not suit that."""
         available = SensorKind(device).model.senses
         sense = self.sense
         # The first sense is the main one, such as the surface of a color sensor.
@@ -71,7 +71,7 @@ class GivenReading:
             names = " or ".join(available) or "nothing"
             what = f"the {device} on port {self.port} senses {names}"
             raise TwinError(f"{what}, not {sense}; give such a reading")
-        # Counted here, as only the device tells what a reading without a sense is for.
+        # Only the device tells what a reading without a sense is for, so values are counted here.
         counts = _VALUE_COUNTS.get(sense, (1,))
         for index, value in enumerate(self.values):
             count = len(value) if isinstance(value, tuple) else 1
@@ -110,7 +110,7 @@ def parse_reading(text: str, folder: Path = Path()) -> GivenReading:
             (0.0,),
             (stimulus,),
         )
-    # In a file units do not tell the sense, as each line may have another one or none.
+    # Each line of a file may have its own unit or none, so the units do not tell its sense.
     file_name = value.removeprefix("@")
     rows = read_rows(folder / file_name)
     times_s = tuple(row.time_s for row in rows)
@@ -127,8 +127,8 @@ def parse_reading(text: str, folder: Path = Path()) -> GivenReading:
 
 
 def _hint_of(row: Row) -> str:
-    """What may be meant by several numbers in a table with such rows: most likely one with a
-    decimal comma, if commas separate the columns."""
+    """Hint for several numbers in a table with such rows: most likely one with a decimal comma is
+    meant, if commas separate the columns."""
     return _COMMAS if row.separator == "," else ""
 
 
@@ -160,7 +160,7 @@ def _value(
     unit = None
     if match is not None:
         written, unit = match.groups()
-        # What is no number after all, such as "1..2", leaves none.
+        # Text that is no number after all, such as "1..2", leaves no value.
         with contextlib.suppress(ValueError):
             numbers = tuple(map(float, written.split(",")))
     other_unit = _OTHER_UNIT.fullmatch(word) if match is None else None
@@ -209,7 +209,7 @@ def end_stops_of(robot: Robot, texts: Iterable[str]) -> dict[str, tuple[float, f
                 f"on {known}"
             )
         motor = motors[port]
-        # Of a motor that counts up counterclockwise the lowest becomes the highest.
+        # For a motor that counts up counterclockwise, the lowest angle becomes the highest.
         low, high = sorted(angle / motor.shaft_turns for angle in angles_deg)
         stops[motor.name] = low, high
     return stops

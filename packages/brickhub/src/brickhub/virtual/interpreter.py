@@ -21,8 +21,7 @@ def _nothing() -> None:
     return None
 
 
-# A program without a machine, where no time passes: the transformed program calls them all the
-# same.
+# The transformed program calls these hooks even where there is no machine, and no time passes.
 _NO_HOOKS: dict[str, Callable[..., Any]] = {
     "@tick": _nothing,
     "@turn": _unchanged,
@@ -98,7 +97,7 @@ def execute(
             if found is None:
                 raise ImportError(f"no module named '{name}'")
             imported = module(name, {"__builtins__": namespace["__builtins__"]})
-            # Known before it runs, so that modules can import each other.
+            # The module is registered before it runs, so that modules can import each other.
             importable[name] = imported
             importable.namespaces.append(imported.__dict__)
             exec(compile_source(found.source, found.file), imported.__dict__)
@@ -113,7 +112,8 @@ def execute(
     )
     multiply = names["@mul"]
 
-    # Of all arithmetic only products of floats count, which are what a network computes.
+    # Only products of floats are counted among all arithmetic, because they are what a network
+    # computes.
     def product(a: Any, b: Any) -> Any:
         result = multiply(a, b)
         if type(result) is float:
@@ -124,6 +124,6 @@ def execute(
     try:
         exec(code, namespace)
     except Exception as error:
-        # Nobody caught it, so no `except` of the program gave it the hub's message.
+        # Nobody caught the error, so no `except` of the program gave it the hub's message yet.
         reword(error, importable.namespaces)
         raise

@@ -23,8 +23,8 @@ MAX_STEP_MS = 15
 """Maximum step of simulated time, for smooth pictures and a quick stop."""
 CONTROL_LOOP_MS = 5
 """Period of the firmware's motor control."""
-# On a hub each call takes some 10 us. Here calls are free until there are many of them without a
-# wait: otherwise no simulated time would ever pass in a program that only polls.
+# A call takes some 10 us on a hub. Here calls are free, until there are many without a wait:
+# otherwise no simulated time would ever pass in a program that only polls.
 _FREE_CALLS = 200
 _CALLS_PER_MS = 100
 _AFTER_LOOP_TICKS = 10
@@ -33,7 +33,7 @@ _AFTER_LOOP_TICKS = 10
 
 @dataclass(frozen=True)
 class FirmwareVersion:
-    """What distinguishes a version to a program.
+    """A version of the firmware, by what a program can notice.
 
     Attributes:
         version, build: what ``pybricks.version`` tells.
@@ -142,7 +142,7 @@ class Machine:
         self.robot = body.robot
         self.body = body
         self.panel = panel or Panel(body.robot.hub)
-        # The panel has no clock of its own: its lights and sounds go by simulated time.
+        # The panel has no clock of its own, so its lights and sounds go by simulated time.
         self.panel.clock_ms = lambda: self.time_ms
         self.firmware = FIRMWARE_VERSIONS[NEWEST]
         self.runs_program = False
@@ -154,19 +154,20 @@ class Machine:
         self.on_alarm: Callable[[], None] = lambda: None
         self.heading = GyroHeading(body)
         kinds = {motor.port: motor.kind for motor in body.robot.motors}
-        # A bench has motors that its robot does not name.
+        # A bench may have motors that its robot does not name.
         if isinstance(body, FittedBench):
             kinds |= body.motors
         self.servos = {port: Servo(kind, port, body, self) for port, kind in kinds.items()}
         self.drive_bases: list[DriveBaseControl] = []
         self.modes: dict[str, PortMode] = {}
-        # Hardly ever asked again where nobody counts memory.
+        # Where nobody counts memory, so long an interval means that hardly anybody asks again.
         self.check_memory: Callable[[], int] = lambda: 1 << 30
         self._branches_to_check = 0
-        # Of the program since it last waited.
+        # The calls of the program are counted since it last waited.
         self._calls = 0
         self._products = 0
-        # Whether the body is 1 ms ahead of the program.
+        # The body may be 1 ms ahead of the program, as after a stop in between; this tells whether
+        # it is.
         self._is_ahead = False
         self._is_stopping = False
 
@@ -209,8 +210,8 @@ class Machine:
             self.heading,
         )
         self.drive_bases.append(base)
-        # A bench knows its wheels only now, and turns with them from here on. A wheel of diameter d
-        # on a track t turns the robot by d / (2 t) for each angle of its own.
+        # A bench learns its wheels only now, and turns with them from here on. A wheel of diameter
+        # d on a track t turns the robot by d / (2 t) times its own angle.
         if isinstance(self.body, FittedBench):
             turn = wheel_diameter_um / (2 * axle_track_um * left.settings.steps_per_unit)
             turns = {left.port: turn * left.direction, right.port: -turn * right.direction}
@@ -243,7 +244,7 @@ class Machine:
         time_ms = self.time_ms
         event_ms = self.panel.next_ms
         if self._is_ahead:
-            # The body is there already; only the program has to follow.
+            # The body is there already, so only the program has to follow.
             stop_ms = time_ms + 1
             self.time_ms = stop_ms
             self._is_ahead = False
@@ -259,7 +260,7 @@ class Machine:
         self.time_ticks = stop_ms * 10 + _AFTER_LOOP_TICKS
         has_event = event_ms is not None and event_ms <= stop_ms
         if has_event and self.panel.poll(stop_ms) and self.runs_program:
-            # The program ends before the millisecond of the event, in which the body is already.
+            # The program ends before the millisecond of the event, but the body is already in it.
             self.time_ms = stop_ms - 1
             self.time_ticks = stop_ms * 10
             self._is_ahead = True
@@ -275,7 +276,7 @@ class Machine:
         self.time_ms = time_ms
         if time_ms % CONTROL_LOOP_MS == 0:
             self.time_ticks = time_ms * 10
-            # Drive bases first, as they give their motors what to do in this loop.
+            # Drive bases come first, because they tell their motors what to do in this loop.
             for base in self.drive_bases:
                 base.update()
             for servo in self.servos.values():
@@ -291,9 +292,10 @@ class Machine:
         A program resumes at the beginning of a millisecond, the rest of the hub only at the
         program's first branch in it, such as the next iteration of a loop.
         """
-        # The innermost loops of programs come through here: plain attributes, no calls.
+        # The innermost loops of programs come through here, so there are plain attributes and no
+        # calls.
         if not (self._is_ahead or self._is_stopping):
-            # To the program it is still the old millisecond.
+            # The program has not resumed yet, so the old millisecond goes on for it.
             time_ms = self.time_ms
             time_ticks = self.time_ticks
             self._run_to(time_ms + 1)
@@ -334,7 +336,7 @@ class Machine:
         self._calls = calls
         if calls > _FREE_CALLS and calls % _CALLS_PER_MS == 0:
             self.advance(1)
-            # This was no wait of the program: it goes on counting.
+            # The program did not wait here, so its calls are counted on.
             self._calls = calls
 
     def charge_product(self) -> None:
@@ -354,7 +356,7 @@ class Machine:
         released, the display is cleared."""
         self.runs_program = False
         self.panel.start_program()
-        # Drive bases before their motors, which they drive.
+        # Drive bases come before their motors, because they drive them.
         for base in self.drive_bases:
             base.release()
         self.drive_bases.clear()

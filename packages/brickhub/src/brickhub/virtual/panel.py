@@ -146,12 +146,13 @@ class Panel:
         self.quarter_turns = 0
         self.is_watched = False
         self.is_off = False
-        # Until a machine sets its own clock, the time of the last poll.
+        # Until a machine sets its own clock, this is the time of the last poll.
         self.clock_ms: Callable[[], int] = lambda: self._now_ms
         self.next_ms: int | None = None
         self._now_ms = 0
         self._stop_pressed_ms = -POLL_MS
-        # First and last of those that found the center button down without a break.
+        # These are the first and the last of the polls that found the center button down without a
+        # break.
         self._center_polls = (-POLL_MS, -POLL_MS)
         self._animations: dict[str, tuple[int, Iterator[int]]] = {}
         for press in presses:
@@ -169,7 +170,7 @@ class Panel:
         if self.light is not None:
             hue, saturation, value = self.light
             light = f"hue {hue}, {saturation} %, {value} %"
-        # A text stands in place of the pixels, as on the hub.
+        # A text replaces the pixels, as on the hub.
         display = "off"
         if self.text:
             display = self.text
@@ -190,7 +191,7 @@ class Panel:
         for start in range(0, 25, 5):
             row = ""
             for brightness_pct in self.display[start : start + 5]:
-                # The darkest shade is for off alone: what shines at all is to be seen.
+                # The darkest shade means off, so whatever shines at all gets a brighter one.
                 shade = brightness_pct * 3 // 100 + (brightness_pct > 0)
                 row += _SHADES[min(3, shade)]
             rows.append(row)
@@ -198,13 +199,13 @@ class Panel:
 
     def tap(self, button: str) -> None:
         """Press a button now, for :data:`DEFAULT_PRESS_S`."""
-        # In the next millisecond, as this one may have been polled already.
+        # The press begins in the next millisecond, because this one may have been polled already.
         self.press(Press(button, self.now_s + 0.001))
 
     def press(self, press: Press) -> None:
         """Schedule a press."""
         self._check(press.button)
-        # A button of a wireless device is pressed: then the device is there.
+        # A wireless device whose button is pressed must be there.
         device = press.button.partition(".")[0]
         self.near |= {device} & WIRELESS
         start_ms = round(press.start_s * 1000)
@@ -231,7 +232,7 @@ class Panel:
 
     def pressed(self, time_ms: int) -> frozenset[str]:
         """Buttons of the hub that are down at a simulated time."""
-        # Those of other devices have the device before a dot.
+        # Buttons of other devices have the device before a dot.
         return frozenset(name for name in self._down(time_ms) if "." not in name)
 
     def pressed_on(
@@ -251,18 +252,18 @@ class Panel:
         """Process animations and the poll that are due; returns whether a program ends, as the stop
         button was pressed since the last poll, or the hub is switched off."""
         self._now_ms = time_ms
-        # A copy, as a step of an animation may change the panel. An interval of 0 takes a
-        # millisecond here, or it would never let the time pass.
+        # This iterates over a copy, because a step of an animation may change the panel. An
+        # interval of 0 takes a millisecond here, because time would otherwise never pass.
         for part, (due_ms, frames) in tuple(self._animations.items()):
             if due_ms <= time_ms:
                 self._animations[part] = time_ms + max(1, next(frames)), frames
         self._schedule(time_ms + 1)
-        # The poll belongs to the millisecond before, in which the program has not resumed yet.
+        # This poll belongs to the millisecond before, in which the program has not resumed yet.
         if time_ms % POLL_MS:
             return False
         down = self.pressed(time_ms - 1)
-        # The center button switches the hub off after two seconds, whatever the program made of
-        # the stop button.
+        # After two seconds the center button switches the hub off, whatever the program made of the
+        # stop button.
         if STOP_BUTTON in down:
             first_ms, last_ms = self._center_polls
             is_held_since = last_ms == time_ms - POLL_MS
@@ -271,8 +272,8 @@ class Panel:
             self.is_off = time_ms - first_ms >= _SWITCH_OFF_MS
             if self.is_off:
                 return True
-        # All of them at once. Held on, they stop only one program: the next one may start under
-        # the finger.
+        # All stop buttons must be down at once. Held on, they stop only one program, because the
+        # next one may start under the finger.
         if not self.stop_buttons or not self.stop_buttons <= down:
             return False
         was_pressed = self._stop_pressed_ms == time_ms - POLL_MS
@@ -289,7 +290,7 @@ class Panel:
         Args:
             frames: endless; each step shows the next picture and gives its duration in ms.
         """
-        # The first picture is shown by this, at once; the next one is due after its duration.
+        # This shows the first picture at once, and the next one is due after its duration.
         duration_ms = max(1, next(frames))
         due_ms = self.clock_ms() + 1 + duration_ms
         self._animations[part] = due_ms, frames
@@ -318,7 +319,7 @@ class Panel:
 
     def change(self, **outputs: Any) -> None:
         """Change light, display, text or sound."""
-        # Who watches is told of real changes only: a program may show the same all the time.
+        # Watchers are told of real changes only, because a program may show the same all the time.
         if any(getattr(self, name) != value for name, value in outputs.items()):
             vars(self).update(outputs)
             if self.on_change is not None:
@@ -333,7 +334,7 @@ class Panel:
 
     def _schedule(self, from_ms: int) -> None:
         """Compute :attr:`next_ms`: the next poll of a pressed button or step of an animation."""
-        # Times in which a button is down; the poll of a millisecond is in the next one.
+        # A button is down within these times; the poll of a millisecond is in the next one.
         spans = []
         for start_ms, end_ms, _ in self._presses:
             if end_ms >= from_ms:
@@ -342,7 +343,8 @@ class Panel:
             spans.append((from_ms, from_ms + POLL_MS))
         due = [due_ms for due_ms, _ in self._animations.values()]
         for begin_ms, end_ms in spans:
-            # Rounded up to the next poll; a short press may fall between two of them.
+            # The end is rounded up to the next poll, because a short press may fall between two of
+            # them.
             poll_ms = -(-begin_ms // POLL_MS) * POLL_MS
             if poll_ms <= end_ms:
                 due.append(poll_ms)

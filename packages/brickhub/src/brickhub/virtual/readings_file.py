@@ -9,7 +9,7 @@ from pathlib import Path
 from brickhub.errors import TwinError
 
 _SEPARATORS = "\t;,"
-"""Of columns; a line has the first that it contains anywhere in the table."""
+"""Separators of columns; a line has the first one that it contains anywhere in the table."""
 _EXAMPLE = "a line such as: 2.5, red"
 _REMEDY = "give a file with lines such as: 2.5, red"
 _EXAMPLES = {",": "2.5, red", ";": "2.5; red", "\t": "2.5, a tab, and red"}
@@ -23,7 +23,8 @@ pitch and a roll."""
 _TYPOGRAPHIC = str.maketrans(
     {"\N{NO-BREAK SPACE}": " ", "\N{NARROW NO-BREAK SPACE}": " ", "\N{MINUS SIGN}": "-"}
 )
-"""What spreadsheets of some languages write into numbers, and what a number is read with."""
+"""Characters that spreadsheets of some languages write into numbers, and those that a number is
+read with."""
 
 
 @dataclass(frozen=True)
@@ -43,9 +44,9 @@ def read_rows(path: Path) -> list[Row]:
     lines = _text(path).splitlines()
     declared = _DECLARATION.fullmatch(lines[0].strip()) if lines else None
     if declared is not None:
-        # Emptied, not removed: messages number the lines.
+        # Lines are emptied and not removed, because messages count them.
         lines[0] = ""
-    # A tab at the beginning of a line stays: before it is an empty cell.
+    # A tab at the beginning of a line stays, because an empty cell is before it.
     contents = [line.partition("#")[0].strip(" \r") for line in lines]
     separator = _used_separator(contents) if declared is None else declared[1]
     rows: list[Row] = []
@@ -55,7 +56,7 @@ def read_rows(path: Path) -> list[Row]:
         if not any(cells):
             continue
         place = f"{path}, line {number}"
-        # Spreadsheets write names of the columns into the first line.
+        # Spreadsheets write the names of the columns into the first line.
         has_digit = any(character.isdigit() for character in cells[0])
         names_columns = is_first and not has_digit
         is_first = False
@@ -83,13 +84,13 @@ def _text(path: Path) -> str:
     except OSError as error:
         reason = error.strerror or str(error)
         raise TwinError(f"cannot read the readings in '{path}' ({reason}); {_REMEDY}") from None
-    # A mark of the order of bytes, or a zero byte beside each letter of a time, means UTF-16.
+    # A byte order mark, or a zero byte beside each letter of a time, means UTF-16.
     if data.startswith((b"\xff\xfe", b"\xfe\xff")):
         encodings = ["utf-16"]
     elif b"\0" in data[:4]:
         encodings = ["utf-16-be" if data.startswith(b"\0") else "utf-16-le"]
     else:
-        # UTF-8 first: hardly any text in the other one is right by it.
+        # UTF-8 is tried first, because hardly any text in the other encoding is valid in it.
         encodings = ["utf-8-sig", "cp1252"]
     for encoding in encodings:
         try:
@@ -103,12 +104,12 @@ def _text(path: Path) -> str:
 
 def _cells(content: str, separator: str) -> list[str]:
     """Cells of a line without quotes and with decimal points, and without empty ones at its end."""
-    # An empty line has no row.
+    # An empty line gives no row.
     rows = list(csv.reader([content], delimiter=separator, skipinitialspace=True))
     cells = [cell.strip() for cell in rows[0]] if rows else []
     while cells and not cells[-1]:
         cells.pop()
-    # Without quotes, a comma in a cell is there only where commas do not separate cells.
+    # Unless it is quoted, a cell has a comma only where commas do not separate cells.
     return [_with_point(cell) for cell in cells]
 
 
@@ -130,7 +131,8 @@ def _row(
     try:
         time_s = float(cells[0])
     except ValueError:
-        # Refused below, with "nan" and "inf", which Python reads as numbers.
+        # The check below refuses NaN, and thereby also "nan" and "inf", which Python reads as
+        # numbers.
         time_s = math.nan
     # In a table with other separators, a comma would be part of the time.
     example = f"a line such as: {_EXAMPLES.get(separator, f'2.5 {separator} red')}"

@@ -40,9 +40,9 @@ class RunLog:
             self._set(f"{port}_speed_deg_s", speed_deg_s)
             self._set(f"{port}_load_mnm", load_mnm)
             self._set(f"{port}_voltage_mv", voltage_mv)
-        # Milliseconds in full, as simulated time counts them.
+        # Simulated time counts whole milliseconds, so three digits are exact.
         time = f"{time_ms / 1000:.3f}"
-        # The end of a run may be at the time of the last row.
+        # A run may end at the time of its last row.
         if self._lines and self._lines[-1].startswith(f"{time},"):
             self._lines.pop()
         line = ",".join((time, *self._cells.values()))
@@ -77,7 +77,7 @@ class RunLog:
         column: str,
         value: object,
     ) -> None:
-        # A sensor that is read for the first time: all rows before get an empty cell.
+        # A sensor is read for the first time here, so all rows before get an empty cell.
         if column not in self._cells:
             self._lines = [f"{line}," for line in self._lines]
         self._cells[column] = _text(value)
@@ -87,12 +87,12 @@ def _text(value: object) -> str:
     if value is None:
         return ""
     if isinstance(value, float):
-        # Adding 0 makes 0 of -0; seven digits are about what a hub's float has.
+        # Adding 0.0 turns -0.0 into 0.0. A hub's float has about seven digits.
         return f"{value + 0.0:.7g}"
     if isinstance(value, bool):
         value = int(value)
     text = str(value)
-    # Colors such as Color(h=0, s=100, v=100) have commas.
+    # Colors such as Color(h=0, s=100, v=100) contain commas.
     return f'"{text}"' if "," in text else text
 
 

@@ -42,7 +42,7 @@ _EXPECTED = {
     2: "(pitch, roll)",
     3: "a brightness or (hue, saturation, value)",
 }
-"""What a stimulus of so many values is, in messages."""
+"""Descriptions, for messages, of a stimulus with this many values."""
 
 
 def number(sensed: Sensed) -> float:
@@ -79,7 +79,8 @@ def reflection_pct(hsv: Hsv) -> int:
     hue, saturation, value = hsv
     rgb = colorsys.hsv_to_rgb(hue / 360, saturation / 100, value / 100)
     mean_pct = sum(rgb) / 3 * 100
-    # The firmware's integers cut off; six digits keep a rounding error of floats out of that.
+    # The firmware's integers are cut off, not rounded. Six digits keep the rounding errors of
+    # floats out of that.
     return int(round(mean_pct, 6))
 
 

@@ -12,7 +12,7 @@ import threading
 from collections import deque
 from collections.abc import Callable
 
-from greenlet import getcurrent, greenlet
+from greenlet import GreenletExit, getcurrent, greenlet
 
 from brickhub.errors import HubError, HubProgramError, ProgramStoppedError, TwinError
 from brickhub.hub.link.profiles import BURST_LOSS, PAUSE_MS, LinkProfile
@@ -26,7 +26,7 @@ from brickhub.virtual.micropython.text import format_traceback
 from brickhub.virtual.pybricks import modules
 
 MAX_WRITE_BYTES = 20
-"""What a write without a larger MTU takes over Bluetooth."""
+"""Largest write over Bluetooth without a larger MTU."""
 _LONGEST_RUN_DOWN_MS = 1000
 _AT_REST_MDEG = 50
 """Change of an angle in `MAX_STEP_MS` that nobody sees: some 3 degrees a second."""
@@ -46,12 +46,12 @@ class Radio:
 
     def __init__(self, seed: int) -> None:
         self._rng = random.Random(seed)
-        # When the hub last heard the computer.
+        # The hub last heard the computer at this time.
         self._heard_ms = 0.0
-        # The event in which the hub sends next, and when that arrives.
+        # The hub sends next in this event, and what it sends then arrives at the second time.
         self._event_ms = 0.0
         self._arrival_ms = 0.0
-        # The present or last time in which packets are lost.
+        # Packets are lost, now or last, between these times.
         self._burst_start_ms = 0.0
         self._burst_end_ms = 0.0
 
@@ -75,17 +75,17 @@ class Radio:
     ) -> float:
         """Arrival of what the hub sends now: output of the program, or the acknowledgement of a
         command."""
-        # What is sent before the event travels in it, with one delay for all.
+        # Everything sent before an event travels in it, with one delay for all.
         if self._event_ms <= now_ms:
             self._event_ms = self._next_event_ms(now_ms, link)
             arrival_ms = self._event_ms + self._drawn_ms(link.jitter_ms)
-            # Not before what was sent earlier.
+            # Nothing overtakes what was sent earlier.
             self._arrival_ms = max(self._arrival_ms, arrival_ms)
         return self._arrival_ms
 
     def loses_notification(self, link: LinkProfile) -> bool:
         """Whether the hub's next notification never arrives."""
-        # Nothing is drawn without losses: each draw would change all times after it.
+        # A link without losses draws no number, because each draw would change all later times.
         if link.lost_notifications <= 0.0:
             return False
         return self._rng.random() < link.lost_notifications
@@ -96,7 +96,7 @@ class Radio:
         link: LinkProfile,
     ) -> float:
         """Time of the next event in which no packet is lost."""
-        # A cable has no events.
+        # A cable has no connection events.
         if not link.interval_ms:
             return now_ms
         event_ms = (now_ms // link.interval_ms + 1) * link.interval_ms
@@ -109,7 +109,7 @@ class Radio:
         event_ms: float,
         link: LinkProfile,
     ) -> bool:
-        # Losses come in bursts. The quiet between them is so long that on average as many packets
+        # Losses come in bursts. The quiet between them is so long that, on average, as many packets
         # are lost as the link says.
         while self._burst_end_ms <= event_ms:
             quiet_ms = link.burst_ms * (BURST_LOSS / link.loss - 1.0)
@@ -140,7 +140,7 @@ class _Wire:
         return len(self._stdin)
 
     def read(self, n: int) -> bytes:
-        # Time passes, so that the host's bytes can arrive meanwhile.
+        # Time has to pass, so that the host's bytes can arrive.
         while len(self._stdin) < n:
             self._hub.machine.advance(1)
         data = bytes(self._stdin[:n])
@@ -149,12 +149,12 @@ class _Wire:
 
     def write(self, data: bytes) -> None:
         self._hub.machine.charge_call()
-        # As if it had been sent: the program never learns of it.
+        # The program never learns that its packet was lost.
         if self._hub.radio.loses_notification(self._hub.link):
             return
         due_ms = self._hub.arrival_ms()
         self.outbox.append((due_ms, data))
-        # The program goes back to the host no later than that.
+        # The program goes back to the host by then at the latest.
         alarm_ms = self._hub.machine.alarm_ms
         if alarm_ms is not None:
             self._hub.machine.alarm_ms = min(alarm_ms, math.ceil(due_ms))
@@ -226,7 +226,7 @@ class VirtualHub:
 
     @property
     def is_realtime(self) -> bool:
-        """Whether it runs in real time."""
+        """Whether the hub runs in real time."""
         return self._pace is not None
 
     def open(self) -> None:
@@ -236,15 +236,15 @@ class VirtualHub:
     def start(self, program: HubProgram) -> None:
         """Start a program; a running one is stopped first."""
         self.stop()
-        # Another thread started it, and cannot be made to end it.
+        # Another thread started the program, and cannot be made to end it.
         if self._program is not None:
             self.machine.stop_motors()
         self._pipe = program.pipe
-        # An earlier request was for the previous program.
+        # An earlier request was meant for the program before this one.
         self._stop_requested = False
         self._error = None
         self._wire = _Wire(self)
-        # Otherwise a new program sees the real time that has passed as silence.
+        # Without this, a new program would take the real time that has passed for silence.
         self._keep_pace()
         self._program = greenlet(self._run)
         self._thread = threading.get_ident()
@@ -260,8 +260,8 @@ class VirtualHub:
             )
         self._check_reach()
         self._keep_pace()
-        # The program runs at least once, even on a link without delay: it may end, which the check
-        # below is for.
+        # The program runs once at least, even on a link without delay, because it may end, which
+        # the check below notices.
         arrival_ms = math.ceil(self.radio.to_hub_ms(self.machine.body_ms, self.link))
         self._run_until(self._next_stop_ms(arrival_ms))
         self.run_on_until(arrival_ms)
@@ -285,13 +285,14 @@ class VirtualHub:
                 self._check()
             if self.machine.time_ms >= deadline_ms:
                 return b""
-            # Until something arrives, or, with nothing on its way, until the program writes.
+            # The program runs until something arrives, or, if nothing is on its way, until it
+            # writes.
             until_ms = deadline_ms
             if outbox:
                 until_ms = min(deadline_ms, math.ceil(outbox[0][0]))
             self._run_until(self._next_stop_ms(until_ms))
             self._wait_for_real_time()
-        # All that has arrived is one piece, as a computer that reads late gets it.
+        # A computer that reads late gets all that has arrived as one piece.
         data = bytearray()
         while outbox and outbox[0][0] <= self.machine.time_ms:
             data += outbox.popleft()[1]
@@ -313,7 +314,7 @@ class VirtualHub:
             try:
                 # While Python ends, greenlets cannot switch any more.
                 if not program.dead and not sys.is_finalizing():
-                    # No time may pass: other hubs of the same world do not run now.
+                    # No time may pass here, because other hubs of the same world do not run now.
                     with self.machine.stopping():
                         program.throw(_Stopped)
             finally:
@@ -333,8 +334,6 @@ class VirtualHub:
         self.run_on_until(self.machine.time_ms + PLACEMENT_MS)
         self.body.reset(rng)
 
-    # ---- between host and program
-
     def arrival_ms(self) -> float:
         """Time at which what the hub sends now is with the host."""
         return self.radio.to_computer_ms(self.machine.body_ms, self.link)
@@ -349,11 +348,12 @@ class VirtualHub:
             self.stop()
         program = self._program
         if program is None or program.dead:
-            # The robot goes on moving without one.
+            # Without a program the robot goes on moving.
             self.machine.alarm_ms = None
             self.machine.advance(max(0, time_ms - self.machine.time_ms))
             return
-        # The program comes back to whoever runs it now, at the alarm or at its end.
+        # The alarm and the end of the program switch back to its parent, which is whoever runs it
+        # now.
         self._host = getcurrent()
         try:
             program.parent = self._host
@@ -383,7 +383,7 @@ class VirtualHub:
         return min(time_ms, self.machine.time_ms + MAX_STEP_MS)
 
     def _come_to_rest(self) -> None:
-        """In real time: show how the motors run down after a stop."""
+        """Show how the motors run down after a stop, if the hub runs in real time."""
         if self._pace is None:
             return
         angles_before: list[int] = []
@@ -401,7 +401,7 @@ class VirtualHub:
 
     def _switch_to_host(self) -> None:
         self.machine.alarm_ms = None
-        # Time also passes without a program, in the host itself.
+        # Time may also pass in the host itself, without a program.
         if self._host is not None and getcurrent() is self._program:
             self._host.switch()
 
@@ -419,13 +419,15 @@ class VirtualHub:
         except (SystemExit, SwitchedOff, _Stopped):
             pass
         except BaseException as error:
-            if not is_program_error(error):
+            # A greenlet that nobody holds any more is ended by its own exception.
+            if isinstance(error, GreenletExit) or not is_program_error(error):
                 raise
-            # Kept until the host asks: it may not be waiting for this program.
+            # The error is kept until the host asks, because the host may not be waiting for this
+            # program.
             shown = format_traceback(error, program.name)
             self._error = describe_traceback(shown, program.source, program.name)
         finally:
-            # Neither stopped, nor replaced by another thread's program.
+            # The program was neither stopped nor replaced by that of another thread.
             if getcurrent() is self._program:
                 self.machine.stop_motors()
 
@@ -442,11 +444,12 @@ class VirtualHub:
             raise ProgramStoppedError("no program runs on the hub; start one")
 
     def _keep_pace(self) -> None:
-        """In real time: advance by the time that the host needed, or wait for it."""
+        """Advance by the time that the host needed, or wait for it, if the hub runs in real
+        time."""
         if self._pace is None:
             return
         wall_ms = self._pace.wall_ms()
-        # Less than a millisecond behind is in time.
+        # Less than a millisecond behind still counts as in time.
         if self.machine.time_ms < wall_ms - 1:
             self.run_on_until(int(wall_ms))
         self._wait_for_real_time()

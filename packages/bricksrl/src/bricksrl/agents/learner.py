@@ -158,7 +158,8 @@ class Learner:
         return {}
 
     def state_dict(self) -> dict[str, Any]:
-        """Everything that learning changes: nested tensors, numbers, strings, lists."""
+        """Everything that learning changes: nested tensors, numbers, strings, lists. What only
+        further learning needs, such as a replay buffer, is in "memory", and may be left out."""
         return {"updates": self.updates, "policy": dict(self.policy.state_dict())}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:

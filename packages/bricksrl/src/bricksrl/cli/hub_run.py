@@ -37,7 +37,7 @@ class Run(run.Run):
 
     Without --robot, the virtual hub adapts to the program: its kind is the one that the program
     imports, and each port has the device that the program expects there. With --video, --scene or
-    --page, the robot is the two-wheeler by default.
+    --page, the robot is the scout by default, a 2Wheeler with a color sensor.
 
     Examples:
       bricksrl hub run main.py
@@ -46,13 +46,14 @@ class Run(run.Run):
       bricksrl hub run main.py --robot two-wheeler --time-limit-s 60
       bricksrl hub run main.py --robot walker --video walk.mp4
       bricksrl hub run main.py --robot walker --page
+      bricksrl hub run main.py --scene maze --page
       bricksrl hub run main.py --robot my_robot.py
       bricksrl hub run main.py --hub ble
     """
 
     robot: Annotated[str | None, option(metavar="ROBOT"), Existing(check_there)] = None
-    """Virtual robot: two-wheeler, walker, robo-arm, cart or bench; RunAway-v0, with its scene, or
-    another environment; a building plan, my_robot.ldr; my_robot.py."""
+    """Virtual robot: two-wheeler, scout, walker, robo-arm, cart or bench; RunAway-v0, with its
+    scene, or another environment; a building plan, my_robot.ldr; my_robot.py."""
     page: PageFlag = False
     live_page: LivePageGroup = PageOptions()
 
@@ -61,7 +62,7 @@ class Run(run.Run):
         drawn = self
         # A page without a robot has nothing to draw.
         if self.page and self.robot is None:
-            drawn = replace(self, robot=run.ROBOT_OF_FILMS)
+            drawn = replace(self, robot=run.ROBOT_OF_SCENES)
         return super(Run, drawn).body(stack)
 
     @functools.cached_property

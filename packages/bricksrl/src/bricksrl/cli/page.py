@@ -27,10 +27,11 @@ from brickhub.seed import evaluation_seed
 from brickhub.user_files import check_there, is_reference
 from bricksrl.cli.terminal import EmergencyStop, driving, load_learning, placing
 from bricksrl.envs import get_task
+from bricksrl.envs.arenas import ARENAS
 from bricksrl.envs.make import has_arrays, make
 from bricksrl.envs.options import EnvOptions
 from bricksrl.envs.task import Task
-from bricksrl.errors import DescriptionError, RunError, StoppedError, counted
+from bricksrl.errors import DescriptionError, RunError, StoppedError, UnknownNameError, counted
 from bricksrl.page.server import LOOPBACK, PageOptions
 from bricksrl.page.start import StartPage
 from bricksrl.policies import config_of
@@ -204,7 +205,7 @@ class Play(SavesNothing):
             remedy = f"name {folder_with(folder, 'config.json', 'policy.json')}, or an environment"
             raise RunError(f"there is no run in {self.target}; {remedy}")
         if not is_run:
-            get_task(self.target)  # raises if there is none, before anything is loaded
+            _look_for_env(self.target, folder)
         is_virtual = parse_hub(self.robot.hub).is_virtual
         is_shown = is_virtual and address is not None and not is_run
         if is_shown and address is not None and has_arrays(self.target, self.robot):
@@ -267,6 +268,18 @@ class Play(SavesNothing):
                     self.episodes,
                     seed,
                 )
+
+
+def _look_for_env(name: str, folder: Path) -> None:
+    """Raise UnknownNameError if there is no environment of that name, before anything is loaded; a
+    name may be meant as the folder of a run."""
+    try:
+        get_task(name)
+    except UnknownNameError as error:
+        if is_reference(name) or name in ARENAS:
+            raise
+        runs = folder_with(folder, "config.json", "policy.json")
+        raise UnknownNameError(f"{error}; or the folder of a run: {runs}") from None
 
 
 def _array_policies(

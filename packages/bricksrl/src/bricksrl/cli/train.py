@@ -42,7 +42,7 @@ from bricksrl.evaluation.settings_text import SETTINGS_REMEDY, read_settings, wi
 from bricksrl.page.server import PageOptions
 from bricksrl.training.callbacks import Callback, CallbackList, RunResult
 from bricksrl.training.config import SCRIPTED, RunOptions, TrainConfig, settings_for
-from bricksrl.training.existing_run import existing_run
+from bricksrl.training.existing_run import CONFIG, existing_run
 from bricksrl.training.run_folder import RunFolder, file_name
 
 if TYPE_CHECKING:
@@ -57,7 +57,7 @@ _SETTINGS = existing_file("the settings", DescriptionError, SETTINGS_REMEDY)
 
 FilmFlag = Annotated[
     bool,
-    option(help="Film a virtual robot before and after the training, unless --no-film is given."),
+    option(help="Do not film a virtual robot before and after the training."),
 ]
 """``--no-film``."""
 
@@ -205,6 +205,12 @@ class Train:
 
     def _check(self, env: str) -> None:
         """Refuse what is wrong before torch is loaded, which takes seconds."""
+        if (Path(env) / CONFIG).exists():
+            run = quoted(env)
+            raise DescriptionError(
+                f"{env} is a run; `bricksrl resume {run}` goes on with it, and `bricksrl train ENV "
+                f"--from {run}` lets its agent go on in a new one"
+            )
         get_task(env, **self.robot.options)
         if self.agent is not None:
             check_agent(self.agent)

@@ -77,12 +77,13 @@ def collect(
     ours = interface_of(env)
     first = len(recorder.rows)
     complete = 0
-    lost = 0  # one after the other
+    # The number of links that were lost in a row changes the seed of the next try.
+    lost = 0
     while complete < episodes:
         number = len(recorder.rows)
-        # The episode's number in the dataset, so that a recording that goes on another day is the
-        # same as one in a single piece. After a lost link another seed, as a virtual link would
-        # break again at the same step.
+        # The seed is made of the episode's number in the dataset, so that a recording that goes on
+        # another day equals one in a single piece. After a lost link it is another seed, because a
+        # virtual link would break again at the same step.
         words = [seed, number, lost] if lost else [seed, number]
         episode_seed = int(np.random.SeedSequence(words).generate_state(1)[0] >> 1)
         env.set_seed(episode_seed)
@@ -98,7 +99,8 @@ def collect(
                 driver=driver,
                 reset_policy=reset_policy,
             ):
-                # A repeated action (`--frame-skip`) is several steps of the robot.
+                # A repeated action (`--frame-skip`) is several steps of the robot, and all of them
+                # are recorded.
                 for step in episode.add(frame, env):
                     steps.append(step_of(step, env))
                     on_frame(step)
@@ -107,7 +109,7 @@ def collect(
             is_cut = ours.is_cut
             success = None if is_cut or episode.is_lost else episode.judged(env)[0]
         except BaseException:
-            # What the robot has done is data, whatever ended it.
+            # What the robot has done is data, whatever ended the episode.
             recorder.write(steps, dataclasses.replace(provenance, whole=False))
             raise
         is_whole = not (is_cut or episode.is_lost)
@@ -130,11 +132,12 @@ def step_of(transition: TensorDictBase, env: EnvBase) -> Step:
     after = transition["next"]
     ours = interface_of(env)
     extras: dict[str, Any] = {}
-    # A simulation has no hub, and so no clock and no age of what it observes.
+    # A simulation has no hub, and so neither a clock nor an age of what it observes.
     if ours.timing is not None:
         extras["age_s"] = ours.timing.age_s
         extras["hub_time_s"] = ours.timing.hub_time_s
-    # The schema has the camera of a task; images of an environment without a task have no place.
+    # The schema has the camera of a task, so images of an environment without a task have no place
+    # in it.
     if ours.task is not None and "image" in after:
         extras["image"] = _numbers(transition["image"])
         extras["next_image"] = _numbers(after["image"])
@@ -177,7 +180,7 @@ def about(
     physics = {}
     twin = ours.twin if on_hub and hub == "virtual" else None
     if twin is not None:
-        # A body of the user's own may have no physics that has names.
+        # A user's own body may have no physics with names.
         known = getattr(twin.body, "physics", None)
         if known is not None:
             physics = dataclasses.asdict(known.with_link(twin.link))

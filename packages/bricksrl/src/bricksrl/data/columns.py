@@ -31,8 +31,9 @@ Statistics = tuple[NDArray[np.float64], int]
 the number of values."""
 STATISTICS = ("min", "max", "mean", "std")
 _QUIET = ("-hide_banner", "-loglevel", "error")
-# H.264 in RGB with a quantiser of 0: what was seen is what is learned from, to the last bit. A key
-# frame at every second image makes each image quick to reach, as LeRobot draws them at random.
+# H.264 in RGB with a quantiser of 0 is lossless, so what is learned from equals what was seen to
+# the last bit. With a key frame at every second image, each image is quick to reach, because
+# LeRobot draws them at random.
 _LOSSLESS = (
     "-c:v",
     "libx264rgb",
@@ -95,7 +96,8 @@ def read_parquet(path: Path, *, digest: str | None = None) -> pa.Table:
             raise DataError(
                 f"{path} claims more rows than it can hold; it is damaged or not ours; {RESTORE}"
             )
-        # No threads of Arrow: one that lets go of `data` while Python exits aborts the program.
+        # Arrow uses no threads here, because one that lets go of `data` while Python exits aborts
+        # the program.
         table = file.read(use_threads=False)
         table.validate(full=True)
     return table
@@ -129,7 +131,7 @@ def from_table(
                 f"{where} has not one column {name}; it is not a file of this dataset"
             ) from None
         expected = type_ if n == 1 else pa.list_(type_, n)
-        # Other programs write lists of any length, whose lengths are checked below.
+        # Other programs write lists of any length, so the lengths are checked below.
         is_list = pa.types.is_list(column.type) or pa.types.is_fixed_size_list(column.type)
         is_other_list = n > 1 and is_list and column.type.value_type == type_
         fits = column.type == expected or is_other_list
@@ -152,7 +154,8 @@ def from_table(
 def column_statistics(values: NDArray[Any]) -> Statistics:
     """Statistics of the column of one episode."""
     rows = np.asarray(values, np.float64).reshape(len(values), -1)
-    with np.errstate(invalid="ignore"):  # a missing clock reads NaN
+    # A clock that is missing reads NaN, about which NumPy would warn.
+    with np.errstate(invalid="ignore"):
         return np.stack((rows.min(0), rows.max(0), rows.mean(0), rows.std(0))), len(rows)
 
 
@@ -172,7 +175,8 @@ def join_statistics(parts: Sequence[dict[str, Statistics]]) -> dict[str, dict[st
         low, high, means, stds = values.swapaxes(0, 1)  # each [episodes, ...]
         share = (counts / counts.sum()).reshape(-1, *[1] * (means.ndim - 1))
         mean = (share * means).sum(0)
-        # The law of total variance: that within the episodes, and that of their means.
+        # By the law of total variance, this adds the variance within the episodes and the variance
+        # of their means.
         within = stds**2
         between = (means - mean) ** 2
         variance = (share * (within + between)).sum(0)
@@ -223,7 +227,7 @@ def decode(
     """Decode the first ``count`` images of a file, ``[count, side, side, 3]``. Raises DataError if
     the file is no such video, or too short."""
     size_bytes = count * side * side * 3
-    # A byte more is read than wanted, which tells a video of larger images.
+    # One byte more than wanted is read, by which a video of larger images is recognised.
     raw = ("-frames:v", str(count), "-f", "rawvideo", "-pix_fmt", "rgb24", "pipe:1")
     command = [_ffmpeg(), *_QUIET, "-nostdin", *_ONE_MP4_FILE, "-i", f"file:{path}", *raw]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL) as process:  # noqa: S603

@@ -106,8 +106,8 @@ class EpisodeRow:
     final_image: bytes | None = None
 
 
-# By attribute: column and type. `{key}` stands for the images' feature; where there are no images,
-# neither are these columns.
+# These are the column and the type of each attribute. `{key}` stands for the feature of the images,
+# and without images these columns are left out.
 _COLUMNS = {
     "episode": ("episode_index", _INT),
     "length": ("length", _INT),
@@ -194,8 +194,8 @@ class Dataset:
     def unfinished_files(self) -> list[Path]:
         """Files of an episode without a row, because its writer was killed."""
         at = self.data_files
-        # A killed writer leaves one file of a kind at most. Where there are more, it is rows that
-        # were lost, and what they were of must not be taken for rubbish.
+        # A killed writer leaves one file of each kind at most. If there are more, rows have been
+        # lost, and what belonged to them must not be taken for rubbish.
         has_more_data = self.path("data", at + 1).exists()
         has_more_rows = self.path("episodes", self.row_files + 1).exists()
         if has_more_data or has_more_rows:
@@ -214,8 +214,8 @@ class Dataset:
                 )
             start += row.length
         if len(self.rows) != episodes:
-            # More rows are of a writer that was killed, which is mended in place. Fewer are a loss:
-            # what is left goes to a new dataset.
+            # Further rows are those of a killed writer, and are removed in place. Missing rows are
+            # a loss, so what is left goes into a new dataset.
             out = " --out NEW" if len(self.rows) < episodes else ""
             raise DataError(
                 f"{self.path('info')} counts {counted(episodes, 'episode')} and meta/episodes "
@@ -239,8 +239,8 @@ class Dataset:
     def write_task(self) -> None:
         """Write ``meta/tasks.parquet``: the only instruction is the id of the environment; for
         LeRobot it is pandas' index."""
-        # What pandas would write for a table whose index is the column "task"; LeRobot looks tasks
-        # up by that index. pandas itself takes a second to import.
+        # This is what pandas would write for a table whose index is the column "task", by which
+        # LeRobot looks tasks up. Importing pandas itself would take a second.
         text = {"pandas_type": "unicode", "numpy_type": "object", "metadata": None}
         number = {"pandas_type": "int64", "numpy_type": "int64", "metadata": None}
         pandas = {
@@ -271,7 +271,7 @@ class Dataset:
         start = self.steps
         for number, episode in enumerate(episodes, len(self.rows)):
             length = len(episode.columns["index"])
-            # An episode does not know its place in the dataset, which is given to it here.
+            # An episode does not know its place in the dataset, so it is given one here.
             given = episode.columns | {
                 "episode_index": np.full(length, number),
                 "index": np.arange(start, start + length),
@@ -295,14 +295,15 @@ class Dataset:
                 and episode.images is not None
                 and episode.image_statistics is not None
             ):
-                # A video has an image for each step, as LeRobot expects; the last image, after the
-                # last step, is one more, and goes into the row.
+                # A video has an image for each step, as LeRobot expects. The one after the last
+                # step is one more, and goes into the row.
                 images.append(episode.images[:-1])
                 row.statistics[key] = episode.image_statistics
                 row = replace(row, final_image=episode.images[-1].tobytes())
             rows.append(row)
             start += length
-        # Digests are of the files as they are written, so that a row finds out about any damage.
+        # The digests are computed from the files as they are written, so that a row reveals any
+        # damage.
         data = to_parquet(pa.concat_tables(tables))
         write_durably(self.path("data", at), data)
         rows = [replace(row, data_sha256=hashlib.sha256(data).hexdigest()) for row in rows]
@@ -331,7 +332,7 @@ class Dataset:
         rows: Sequence[EpisodeRow],
         row_file: int,
     ) -> Cells:
-        """What the episodes are, and in which files they stand."""
+        """Columns with the episodes' numbers and lengths, and the files in which they stand."""
         key = self.description.image_key
         cells: Cells = {}
         for name, (column, type_) in _columns(key).items():
@@ -346,7 +347,7 @@ class Dataset:
         cells["dataset_to_index"] = [row.start + row.length for row in rows], _INT
         if key is not None:
             # LeRobot finds an episode's images by their time in the video, which begins anew in
-            # each file. In reverse, so that the first row of a file has the last word.
+            # each file. The rows are reversed, so that the first row of a file has the last word.
             file_starts = {row.data_file: row.start for row in reversed(self.rows)}
             from_steps = [row.start - file_starts[row.data_file] for row in rows]
             to_steps = [
@@ -364,7 +365,7 @@ class Dataset:
         for name, feature in self.description.features.items():
             type_ = pa.list_(_FLOAT)
             if feature["dtype"] == "video":
-                # LeRobot keeps those of images as [channels, 1, 1].
+                # LeRobot keeps the statistics of images as [channels, 1, 1].
                 type_ = pa.list_(pa.list_(type_))
             of_rows = [row.statistics[name] for row in rows]
             for number, stat in enumerate(STATISTICS):
@@ -380,14 +381,14 @@ class Dataset:
         the newest episode."""
         statistics = join_statistics([row.statistics for row in self.rows])
         write_durably(self.path("stats"), to_json(statistics))
-        # Whoever reads takes as many episodes as this file counts. A writer that is killed before
-        # has written nothing that anybody sees.
+        # Readers take as many episodes as this file counts. If a writer is killed before this line,
+        # nobody sees what it has written.
         info = self.description.info(len(self.rows), self.steps)
         write_durably(self.path("info"), to_json(info))
 
 
 def _provenance_cells(rows: Sequence[EpisodeRow]) -> Cells:
-    """Where the episodes come from, in columns that LeRobot does not have and lets be."""
+    """Columns with the origin of the episodes, which LeRobot does not have and lets be."""
     cells: Cells = {}
     for name, type_ in _ABOUT.items():
         cells[name] = [getattr(row.about, name) for row in rows], type_
@@ -422,7 +423,8 @@ def dataset_folder(path: Path | str) -> Path:
     """Folder of the dataset: the given one, or ``data`` in the folder of a run."""
     path = Path(path)
     info = FILES["info"]
-    # A dataset has a folder `data` too, of files with steps: only one that has an index is a run's.
+    # A dataset has a folder `data` as well, for its steps. Only a folder `data` with an index
+    # belongs to a run.
     is_run = (path / "data" / info).exists() and not (path / info).exists()
     return path / "data" if is_run else path
 
@@ -446,7 +448,7 @@ def read_dataset(path: Path | str) -> Dataset:
     description = read_description(root)
     episodes = read_episode_count(root, description)
     dataset = read_all_rows(root, description)
-    # Later rows are from an unfinished commit of a killed writer.
+    # Rows beyond the index belong to an unfinished commit of a killed writer, and do not count.
     dataset = replace(dataset, rows=dataset.rows[:episodes])
     dataset.check_order(episodes)
     return dataset
@@ -521,7 +523,7 @@ def _row(record: dict[str, Any], description: Description) -> EpisodeRow:
     values["data_file"] = _file(record, "data")
     about = {name: record[name] for name in _ABOUT}
     about |= {name: json.loads(record[name]) for name in _ABOUT_JSON}
-    # A file may come from anywhere: each value is held against the annotation of its field.
+    # The file may come from anywhere, so each value is checked against the annotation of its field.
     check_fields(About, about)
     check_fields(EpisodeRow, values)
     row = EpisodeRow(

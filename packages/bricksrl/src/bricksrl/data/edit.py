@@ -82,7 +82,8 @@ def split(
     try:
         return part, write_dataset(second, dataset.description, map(read, others))
     except BaseException:
-        # Both parts or none: the first one alone would look like the whole dataset.
+        # Either both parts appear or none, because the first one alone would look like the whole
+        # dataset.
         shutil.rmtree(first, ignore_errors=True)
         raise
 
@@ -95,7 +96,8 @@ def salvage(source: Path, out: Path) -> tuple[Dataset, list[str]]:
     description = read_description(source)
     lost: list[str] = []
     rows: list[EpisodeRow] = []
-    # Whatever files of rows there are, not one after the other up to a gap: a file may be missing.
+    # All files of rows are taken, and not one after the other up to a gap, because a file may be
+    # missing.
     row_files = (source / "meta/episodes").glob("chunk-[0-9]*/file-[0-9][0-9][0-9].parquet")
     for path in sorted(row_files):
         try:
@@ -129,7 +131,7 @@ def write_dataset(
         dataset = Dataset(folder, description)
         group: list[Episode] = []
         steps = 0
-        # Episodes come one by one from their files, so that only a group of them is in memory.
+        # Episodes are read one by one, so that only a group of them is in memory.
         for episode in episodes:
             group.append(episode)
             steps += len(episode.columns["index"])

@@ -85,7 +85,8 @@ def export_minari(path: Path, out: Path) -> None:
     buffers = [EpisodeBuffer(**_minari_episode(episodes, k)) for k in range(len(episodes.rows))]
     policies = dict.fromkeys(row.about.policy for row in episodes.rows)
     with atomic_folder(out) as folder, _datasets_in(folder / "new"), warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # it warns that there are no authors
+        # Minari warns that no authors are named.
+        warnings.simplefilter("ignore")
         try:
             minari.create_dataset_from_buffers(
                 name,
@@ -100,8 +101,8 @@ def export_minari(path: Path, out: Path) -> None:
             raise DataError(
                 f"Minari refuses the name {name} ({error}); end the path like bricksrl/walker-v0"
             ) from None
-        # Minari writes into its own folder by the dataset's name; what is asked for is the folder
-        # itself, which appears whole or not at all.
+        # Minari writes into a folder with the dataset's name inside of its own. Only that inner
+        # folder was asked for, and it must appear whole or not at all.
         for written in (folder / "new" / name).iterdir():
             written.rename(folder / written.name)
         namespace = (folder / "new" / name).parent / NAMESPACE_METADATA_FILENAME
@@ -114,7 +115,7 @@ def _minari_episode(episodes: Episodes, episode: int) -> dict[str, Any]:
     at = (episodes.episode == episode).numpy()
 
     def with_last(before: Tensor, after: Tensor) -> NDArray[Any]:
-        # Minari has an observation more than steps: the one after the last step.
+        # Minari has one observation more than steps, which is the one after the last step.
         return np.concatenate((before[at].numpy(), after[at][-1:].numpy()))
 
     states = with_last(episodes.observation, episodes.next_observation)
@@ -142,8 +143,8 @@ def _minari_environment(episodes: Episodes) -> dict[str, Any]:
     env_id = episodes.description.env
     options = episodes.description.options
     spec = gymnasium.registry.get(f"bricksrl/{env_id}")
-    # Only options of the task: whatever else a file names, such as a transform, is left out, as
-    # Minari's `recover_environment` would execute it.
+    # Only options of the task are taken. Anything else that a file names, such as a transform, is
+    # left out, because Minari's `recover_environment` would execute it.
     if spec is not None:
         spec = replace(spec, kwargs=spec.kwargs | options_of(env_id, options))
     box = gymnasium.spaces.Box(-np.inf, np.inf, tuple(episodes.observation.shape[1:]))
@@ -219,7 +220,7 @@ def import_paper(
 
 
 def _policy_of(folder: Path) -> str:
-    """Which policy the paper recorded with, as its folders are named after it."""
+    """Policy that the paper recorded with, after which its folders are named."""
     for policy in ("expert", "random"):
         if policy in folder.name:
             return policy
@@ -263,13 +264,13 @@ def _import_one(
             "with --env"
         )
     done = done.astype(bool)
-    # Where the next row does not continue this one, an episode ended too.
+    # An episode also ended where the next row does not continue this one.
     is_same = np.isclose(observation[1:], next_observation[:-1], equal_nan=True)  # [N - 1, n]
     jumps = np.append(~is_same.all(axis=1), True)
     ends = np.flatnonzero(done | jumps)
     lengths_of = np.diff(ends, prepend=-1)
-    # The released code stored a time limit like any other end; an episode that reached the limit is
-    # taken as cut by it.
+    # The released code stored a time limit like any other end, so an episode that reached the limit
+    # counts as cut by it.
     terminated = np.zeros_like(done)
     truncated = np.zeros_like(done)
     terminated[ends] = done[ends] & (lengths_of < task.max_steps)
@@ -286,7 +287,8 @@ def _import_one(
     description = describe_task(task)
     last = description.observation[-1]
     values = observation[:, -1]
-    # Some versions of the released Walker report an acceleration there. A distance is 0 to 2000 mm.
+    # Some versions of the released Walker report an acceleration in this place. A distance is 0 to
+    # 2000 mm, by which the two are told apart.
     if last.name == "distance" and ((values < 0).any() or (values > 2000).any()):
         acceleration = Entry("acceleration_x", unit="mm/s^2")
         description = replace(
@@ -343,7 +345,7 @@ def _observations(
         )
     joined = np.concatenate(parts, axis=1).astype(np.float32)
     ordered: NDArray[np.float32] = joined[:, order]
-    # Angles of the released code are in -180..179, ours in 0..360.
+    # The released code has angles in -180..179, but here they are in 0..360.
     wraps = [entry.wraps for entry in task.entries]
     ordered[:, wraps] %= 360.0
     return ordered
@@ -364,7 +366,8 @@ def read_tensors(folder: Path) -> Arrays:
         tensors = dict(json.loads(meta.read_bytes()))
     arrays = {}
     for name, entry in tensors.items():
-        # Beside tensors the file has facts on itself, such as the shape of the batch.
+        # Beside tensors the file has facts about itself, such as the shape of the batch, which are
+        # no data.
         if isinstance(entry, dict) and {"dtype", "shape"} <= entry.keys():
             arrays[name] = _read_tensor(folder, name, entry)
     return arrays
@@ -379,7 +382,7 @@ def _read_tensor(
     shape = entry["shape"]
     is_list = isinstance(shape, list) and len(shape) <= 8
     is_shape = is_list and all(type(side) is int and side >= 0 for side in shape)
-    # The name becomes that of a file: it must not lead out of the folder.
+    # The name becomes that of a file, and must not lead out of the folder.
     if dtype is None or not is_shape or not name.isidentifier():
         raise DataError(
             f"{folder / 'meta.json'} describes a tensor '{name}' that is not of the paper; "

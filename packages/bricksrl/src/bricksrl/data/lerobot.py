@@ -87,7 +87,7 @@ def read_lerobot(root: Path, task: Task | str | None = None) -> tuple[Descriptio
     high = np.array([command.high for command in commands], np.float32)
     commanded = columns[ACTION][:, actions]  # [frames, m], in the units of the commands
     action = 2.0 * (commanded - low) / (high - low) - 1.0
-    # A robot clamps what it is told, and so do we.
+    # A robot clamps its commands, so recorded actions are clamped in the same way.
     action = action.clip(-1.0, 1.0)
     description = describe_task(task)
     episodes: list[Episode] = []
@@ -180,7 +180,7 @@ def _features(
     if described is None:
         raise DataError(f"{root} has no feature {feature}; record it with a robot that has one")
     names = described.get("names")
-    # LeRobot's own robots write them in groups, such as {"motors": [...]}.
+    # LeRobot's own robots write names in groups, such as {"motors": [...]}.
     if isinstance(names, dict):
         groups = names.values()
         names = []
@@ -197,8 +197,8 @@ def _features(
             "environment of these data"
         )
     if unused := [str(name) for name in names if name not in wanted]:
-        # Unseen entries of an observation are no loss; a command that our task does not know has
-        # moved the robot, and what it did would be put down to the others.
+        # Unseen entries of an observation are no loss. But a command that our task does not know
+        # has moved the robot, and its effect would be credited to the others.
         if feature == ACTION:
             raise DataError(
                 f"{feature} in {root} has {', '.join(unused)} too; choose the environment of "
@@ -239,7 +239,8 @@ def _read_columns(root: Path, info: dict[str, Any]) -> dict[str, NDArray[Any]]:
             f"{root} does not have the {told} of its info.json, one after the other; restore what "
             "is missing"
         )
-    first = np.flatnonzero(np.diff(number, prepend=-1))  # first frame of each episode
+    # The number of the episode changes at the first frame of each.
+    first = np.flatnonzero(np.diff(number, prepend=-1))
     length = np.diff(first, append=frames)
     wanted = np.arange(frames) - np.repeat(first, length)
     if not np.array_equal(columns["frame_index"], wanted):
@@ -263,7 +264,8 @@ def _read_file(path: Path, info: dict[str, Any]) -> dict[str, NDArray[Any]]:
             raise DataError(f"{path} has not one column {name}; restore it from a copy")
         column = table[name].combine_chunks()
         length = info["features"][name]["shape"][0] if name in (OBSERVATION, ACTION) else 1
-        # Which kind of list it is depends on the version of LeRobot that wrote it.
+        # LeRobot has written different kinds of lists in different versions, and all of them are
+        # read.
         lists = (pa.types.is_list, pa.types.is_fixed_size_list, pa.types.is_large_list)
         is_list = any(is_kind(column.type) for is_kind in lists)
         flat = column.flatten() if is_list else column

@@ -121,7 +121,7 @@ def load(
     """
     import torch
 
-    # Here, as that module writes datasets by what is in this one.
+    # This import is here because that module writes datasets with what this one defines.
     from bricksrl.data.lerobot import is_lerobot, read_lerobot
 
     if is_lerobot(root := dataset_folder(path)):
@@ -158,8 +158,8 @@ def _as_dataset(
     numbered = []
     start = 0
     for number, episode in enumerate(episodes):
-        # Single numbers are read from files as [steps], not [steps, 1]; `_joined` restores vectors
-        # of length 1.
+        # Files hold single numbers as [steps] and not [steps, 1]; `_joined` restores vectors of
+        # length 1.
         columns = dict(episode.columns)
         for name, values in columns.items():
             if values[0].size == 1:
@@ -228,7 +228,8 @@ class EpisodeReader:
         self._by_file: dict[int, list[EpisodeRow]] = defaultdict(list)
         for row in dataset.rows:
             self._by_file[row.data_file].append(row)
-        # One file each: a merged dataset has many episodes in a file, and is read in order.
+        # One file of each kind is kept, because a merged dataset has many episodes in a file and is
+        # read in order.
         self._table = lru_cache(maxsize=1)(self._read_table)
         self._video = lru_cache(maxsize=1)(self._read_video)
 
@@ -266,7 +267,7 @@ class EpisodeReader:
         path = dataset.path("data", file)
         lengths = [row.length for row in rows]
         table = read_parquet(path, digest=rows[0].data_sha256)
-        # Episodes of an unfinished commit may follow, which are not in the index.
+        # Episodes of an unfinished commit may follow, which the index does not have.
         table = table.slice(0, sum(lengths))
         stored = from_table(
             table,
@@ -275,7 +276,8 @@ class EpisodeReader:
             path,
         )
         fits = sum(lengths) == len(table)
-        # Only of tables of the right length: a damaged row may claim any size.
+        # Images are decoded only for a table of the right length, because a damaged row may claim
+        # any size.
         if fits:
             steps = rows[0].start + np.arange(len(table))
             episodes = np.repeat([row.episode for row in rows], lengths)

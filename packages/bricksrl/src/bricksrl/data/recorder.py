@@ -80,7 +80,7 @@ class Recorder(contextlib.AbstractContextManager["Recorder"]):
             )
         if not steps:
             return
-        # An interrupted episode: without an end it would run into the next one.
+        # An interrupted episode gets an end, because it would otherwise run into the next one.
         if not (steps[-1].terminated or steps[-1].truncated):
             steps = [*steps[:-1], replace(steps[-1], truncated=True)]
             about = replace(about, whole=False)
@@ -90,12 +90,13 @@ class Recorder(contextlib.AbstractContextManager["Recorder"]):
             raise DataError(
                 f"{self.root} is to hold images of {camera}, and a step has none; add them to each"
             )
-        # A recording that records nothing leaves no folder: it is made with the first episode.
+        # The folder is made with the first episode, so that a recording that records nothing leaves
+        # none.
         if self._lock is None:
             self._open()
         episode = new_episode(steps, about, self.description)
         first_new = len(self.rows)
-        # In this order: a row promises that its steps are there, the index that its row is.
+        # The order matters: a row promises that its steps are there, and the index that its row is.
         dataset = self._dataset.write_episodes([episode])
         self._dataset = dataset.write_rows(first_new)
         self._dataset.write_index()

@@ -32,12 +32,12 @@ def replay(
             default single steps.
     """
     with warnings.catch_warnings():
-        # TorchRL's import warns of its own classes.
+        # TorchRL's import warns about its own classes.
         warnings.simplefilter("ignore", DeprecationWarning)
         from torchrl.data.datasets import LeRobotExperienceReplay
 
     episodes = load(path)
-    # Times are of the robot, and nothing that is learned from.
+    # Times describe the robot, and nothing is learned from them.
     learned = {name: column for name, column in COLUMNS.items() if not name.endswith("_s")}
     columns = {column: getattr(episodes, name) for name, column in learned.items()}
     columns["next.done"] = episodes.terminated | episodes.truncated

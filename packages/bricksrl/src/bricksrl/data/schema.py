@@ -202,7 +202,8 @@ class Description:
             if camera is None:
                 has_sound_camera = image_px == 0
             else:
-                # Its name becomes that of a folder, and must not lead out of the dataset's.
+                # The camera's name becomes that of a folder, and must not lead out of the
+                # dataset's.
                 has_sound_camera = camera.isidentifier() and image_px > 0
             has_entries = description.observation and description.action
             has_rate = 0 < description.rate_hz < math.inf
@@ -224,7 +225,8 @@ class Description:
             others = getattr(other, name)
             names = [entry.name for entry in own]
             other_names = [entry.name for entry in others]
-            # A change of names is said alone, as it is the reason of all that differs then.
+            # Changed names are reported alone, because they are the reason for everything else that
+            # differs.
             changed = [a.name for a, b in zip(own, others, strict=False) if a != b]
             if names != other_names:
                 phrases.append(f"{name} [{', '.join(other_names)}] instead of [{', '.join(names)}]")
@@ -260,7 +262,8 @@ def describe(
     from bricksrl.envs.specs import spec_entries
     from bricksrl.envs.transforms import base_of
 
-    # What the environment itself observes is recorded; what transforms make of it follows from it.
+    # The environment's own observations are recorded, because what transforms make of them follows
+    # from these.
     env = base_of(env)
     return Description(
         env=name or type(env).__name__,
@@ -280,7 +283,7 @@ def describe_task(task: Task, options: dict[str, Any] | None = None) -> Descript
             ", ".join(unrecorded),
         )
     robot = _plain(task.robot)
-    # Model and plan belong to the simulation alone: without them, data of a robot and of its twin
+    # Model and plan belong to the simulation alone. Without them, data of a robot and of its twin
     # can be joined.
     robot.pop("model", None)
     robot.pop("plan", None)
@@ -306,7 +309,7 @@ def describe_task(task: Task, options: dict[str, Any] | None = None) -> Descript
 
 
 def _entry_to_json(entry: Entry) -> dict[str, Any]:
-    # JSON has no infinity; Python would write one that no other program reads.
+    # JSON has no infinity, although Python would write one that no other program reads.
     low, high = (end if math.isfinite(end) else None for end in (entry.low, entry.high))
     return {"name": entry.name, "unit": entry.unit, "low": low, "high": high, "wraps": entry.wraps}
 

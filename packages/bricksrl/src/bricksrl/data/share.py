@@ -59,7 +59,7 @@ def push_dataset(
         licence=licence,
     )
     with _pushed(repo, f"{card}{_about_columns(summary)}", private) as api:
-        # Hidden files are locks and what a killed writer has left.
+        # Hidden files are locks and remnants of killed writers, which nobody should get.
         api.upload_folder(
             repo_id=repo,
             repo_type="dataset",
@@ -199,7 +199,7 @@ def hub_client(repo: str) -> Iterator[HfApi]:
         from huggingface_hub import HfApi, errors
         from huggingface_hub.utils.tqdm import disable_progress_bars
     disable_progress_bars()
-    # Its HTTP client differs between versions: requests' before 1.0, httpx's since.
+    # The hub's client uses requests before version 1.0 and httpx since, so its error is looked up.
     transport_error: type[Exception] = vars(errors)["HTTPError"]
     api = HfApi(endpoint=os.environ.get("HF_ENDPOINT"))
     try:
@@ -221,7 +221,7 @@ def hub_client(repo: str) -> Iterator[HfApi]:
             raise DataError(f"the hub does not let you at {repo}; {remedy}") from None
         raise DataError(f"the hub refuses {repo} ({message_of(error)}); try again later") from None
     except (errors.OfflineModeIsEnabled, transport_error, OSError) as error:
-        # An error of a file on this computer is no matter of the network.
+        # An error of a file on this computer has nothing to do with the network.
         if isinstance(error, OSError) and (error.errno in FULL or error.filename is not None):
             raise
         raise DataError(

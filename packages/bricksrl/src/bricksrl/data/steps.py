@@ -54,12 +54,13 @@ def new_episode(
     frames = np.arange(len(steps), dtype=np.int64)
     zeros = np.zeros(len(steps), np.int64)
     columns["next.done"] = columns["next.terminated"] | columns["next.truncated"]
-    # LeRobot's time is nominal, by the rate of the task; the hub's clock is a column of its own.
+    # LeRobot expects nominal times, by the rate of the task; the hub's clock is a column of its
+    # own.
     columns["timestamp"] = (frames / description.rate_hz).astype(np.float32)
     columns |= {"frame_index": frames, "episode_index": zeros, "index": frames, "task_index": zeros}
     if description.camera is None:
         return Episode(about, columns)
-    # The image after a step is the one before the next step: it is kept once.
+    # The image after a step is the one before the next step, so it is kept once.
     shown = [*(step.image for step in steps), steps[-1].next_image]
     images = np.stack([image for image in shown if image is not None])
     return Episode(

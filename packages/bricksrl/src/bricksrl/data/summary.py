@@ -123,7 +123,7 @@ def plot(path: Path | str, out: Path | str) -> None:
     for channel, values in zip(description.action, columns[ACTION].T, strict=True):
         panels.append((f"action: {channel.name}", values))
     panels.append(("reward", columns["next.reward"]))
-    # Two more panels, for the returns.
+    # The number of panels includes two for the returns.
     rows = math.ceil((len(panels) + 2) / _COLUMNS)
     figure = new_figure(4.0 * _COLUMNS, 2.6 * rows)
     axes = figure.subplots(rows, _COLUMNS, squeeze=False).flatten()
@@ -164,7 +164,7 @@ def _plot_returns(
 ) -> None:
     from matplotlib.ticker import MaxNLocator
 
-    # Some three episodes a bar, so that a few episodes make no comb of single ones.
+    # Some three episodes for each bar keep a few episodes from looking like a comb.
     bins = min(30, max(5, len(returns) // 3))
     left.hist(returns, bins=bins, color=LIGHT)
     left.axvline(float(returns.mean()), color=STRONG, linewidth=2)
@@ -207,7 +207,7 @@ def _plot_density(
     steps = int(step.max()) + 1
     low = float(values.min())
     high = float(values.max())
-    # A histogram needs a width.
+    # A histogram needs a width, even where all values are equal.
     if low == high:
         low = low - 0.5
         high = high + 0.5

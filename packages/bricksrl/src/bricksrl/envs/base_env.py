@@ -52,7 +52,7 @@ class BaseEnv:
     ) -> None:
         self.action_dim = action_dim
         self.state_dim = state_dim
-        # the state in its units, as the observation is
+        # Scripts read this key for the state in its units, which the observation already has.
         self.original_vec_observation_key = self.observation_key
 
     def normalize_state(self, state: np.ndarray[Any, Any]) -> Tensor:

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from brickhub.kits.virtual_kit import VirtualRobot
     from bricksrl.envs.host_sensors.host_sensor import Reader
     from bricksrl.envs.vision.camera import Camera
-    from bricktwin.twin.mujoco_body import Pose
+    from bricktwin.twin.standing import Pose
 
 _T = TypeVar("_T")
 
@@ -84,7 +84,7 @@ class Reconnect:
         begin: Callable[[], _T],
         is_final: Callable[[BricksError], bool] = lambda _: False,
     ) -> _T:
-        """What ``begin`` returns, which is tried again after each HubError or CameraError. Raises
+        """The result of ``begin``, which is tried again after each HubError or CameraError. Raises
         the error if it is final, if it is useless to try again, or if ``patience_s`` is used up."""
         while True:
             if self._error is not None and self._tries:

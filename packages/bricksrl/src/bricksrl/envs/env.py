@@ -104,7 +104,7 @@ class HubEnv(RobotEnv, EnvBase):  # type: ignore[misc]
     ) -> TensorDictBase:
         return self.reconnect.until_answered(
             self._begin,
-            # A virtual hub's program is deterministic: retrying would fail again.
+            # A virtual hub's program is deterministic, so retrying would fail again.
             is_final=lambda error: isinstance(error, HubProgramError) and self.twin is not None,
         )
 
@@ -124,7 +124,8 @@ class HubEnv(RobotEnv, EnvBase):  # type: ignore[misc]
             low, high = entry.bounds
             value = values[index]
             if not math.isfinite(value):
-                continue  # a check of the environment names it
+                # A number that is not finite is left for the check of the environment to name.
+                continue
             values[index] = min(max(value, low), high)
             if values[index] != value and entry.name not in self.outside:
                 self.outside[entry.name] = value
@@ -140,10 +141,11 @@ class HubEnv(RobotEnv, EnvBase):  # type: ignore[misc]
         except (HubError, CameraError) as error:
             if episode is None:
                 raise
-            episode.age_s = age_s  # of the last step that has an outcome
+            # The age is that of the last step that has an outcome.
+            episode.age_s = age_s
             self.link_error = error
             self.reconnect.failed(error)
-            # Tensors of their own, as a caller may change one of them.
+            # Each end is a tensor of its own, because a caller may change one of them.
             ends = {
                 "terminated": torch.zeros(1, dtype=torch.bool),
                 "truncated": torch.ones(1, dtype=torch.bool),
@@ -155,7 +157,7 @@ class HubEnv(RobotEnv, EnvBase):  # type: ignore[misc]
         return out
 
     def _act(self, tensordict: TensorDictBase) -> TensorDictBase:
-        # a copy: the agent's tensor is not changed
+        # The agent's tensor must not change, so a copy is clamped.
         action = tensordict["action"].detach().cpu().clamp(-1.0, 1.0)
         task = self.task
         episode = self._episode
@@ -165,7 +167,7 @@ class HubEnv(RobotEnv, EnvBase):  # type: ignore[misc]
             )
         if episode is None:
             raise BricksError(f"{task.id} has no episode to step; reset the environment first")
-        # Before the action: a motor must not push against what is in the way.
+        # This comes before the action, because a motor must not push against what is in the way.
         self._wait_while_blocked(episode)
         observation, reward, terminated = self._outcome(episode, action)
         self._check_outcome(
@@ -179,7 +181,7 @@ class HubEnv(RobotEnv, EnvBase):  # type: ignore[misc]
         episode.images = self.image()
         episode.step_count += 1
         episode.rewards.append(float(reward))
-        # Only after the step, so that no step spans a pause.
+        # A pause begins only after the step, so that no step spans one.
         if self._is_paused:
             episode.is_cut = True
             self._guarded(self._connected().link.rest)
@@ -205,7 +207,7 @@ class HubEnv(RobotEnv, EnvBase):  # type: ignore[misc]
     ) -> None:
         """Raise DescriptionError for a reward or an end that no agent can learn from."""
         task = self.task
-        # Numbers one by one: an operation of torch's costs more than the check.
+        # Numbers are checked one by one, because an operation of torch costs more than the check.
         if not all(map(math.isfinite, reward.flatten().tolist())):
             raise DescriptionError(
                 f"the reward of {task.id} is {reward.tolist()} in step {episode.step_count + 1}, "
@@ -299,7 +301,7 @@ class HubEnv(RobotEnv, EnvBase):  # type: ignore[misc]
 
 
 def outside_text(entry: Entry, value: float) -> str:
-    """What is said about a value outside of its entry's range."""
+    """Message about a value outside of its entry's range."""
     low, high = entry.bounds
     return f"{entry.name} is {value:g}, outside of {low:g} to {high:g} {entry.unit}".rstrip()
 
@@ -324,8 +326,8 @@ def _single(
     name: str,
     value: Any,
 ) -> torch.Tensor:
-    """What a function of a task returns for one observation. Raises DescriptionError unless it is a
-    tensor with one number."""
+    """The number that a function of a task returns for one observation. Raises DescriptionError
+    unless it is a tensor with one number."""
     if not isinstance(value, torch.Tensor) or value.numel() != 1:
         given = f"of shape {list(value.shape)}" if isinstance(value, torch.Tensor) else repr(value)
         raise DescriptionError(

@@ -17,6 +17,7 @@ from bricksrl.envs.make import make
 from bricksrl.envs.registry import get_task
 from bricksrl.envs.task import Task
 from bricksrl.errors import BricksError, RenderingUnavailableError
+from bricksrl.quiet import without_torchrl_notes
 
 _STEPS = 5
 """Steps of a repeated episode, and of a batch that the task's functions get."""
@@ -24,9 +25,9 @@ _SEED = 7
 _EPISODES = 3
 """Episodes of random actions whose values are looked at."""
 _LONG = 10
-"""Their longest, in steps: a check is to take seconds."""
+"""Longest of these episodes, in steps, because a check is to take seconds."""
 _MOST_SHOWN = 160
-"""Most characters that are shown of what a library says."""
+"""Largest number of characters that are shown of a library's message."""
 
 
 class Broken(Exception):
@@ -54,7 +55,7 @@ def check_env(env_id: str) -> Iterator[Finding]:
 
 
 def _all_checks(env_id: str, task: Task) -> Iterator[Finding]:
-    # What needs no robot comes first: an error there explains those that follow.
+    # What needs no robot comes first, because an error there explains those that follow.
     checks: dict[str, Callable[[], str]] = {
         "description": lambda: _description(task),
         "functions": lambda: _functions(task),
@@ -67,7 +68,8 @@ def _all_checks(env_id: str, task: Task) -> Iterator[Finding]:
     checks["determinism"] = lambda: _determinism(env_id, task)
     checks["twin"] = lambda: _twin(env_id)
     checks["values"] = lambda: _values(env_id, task)
-    yield from run_checks(checks)
+    with without_torchrl_notes():
+        yield from run_checks(checks)
 
 
 @contextmanager
@@ -82,7 +84,7 @@ def _said_once() -> Iterator[None]:
         said.add(text)
         return is_first
 
-    # Where nothing is set up, Python prints warnings by its last resort.
+    # Where no logging is set up, Python prints warnings by its last resort.
     found: list[logging.Handler | None] = [*logging.getLogger().handlers]
     found = found or [logging.lastResort]
     handlers = [handler for handler in found if handler is not None]
@@ -109,10 +111,11 @@ def run_checks(checks: dict[str, Callable[[], str]]) -> Iterator[Finding]:
         except Exception as error:  # noqa: BLE001 - any error of the user's functions is a finding
             text = str(error)
             if not isinstance(error, (Broken, BricksError)):
-                # Of the user's code: only type and line say what it is about.
+                # An error of the user's code is told by its type and line, because nothing else
+                # says what it is about.
                 text = f"{type(error).__name__}: {error}{line_of_user(error)}"
             text = " ".join(text.split())
-            # One fault fails many checks; it is said once.
+            # One fault may fail many checks, but is told only once.
             first = first_checks.setdefault(text, name)
             yield Finding(name, Outcome.ERROR, text if first == name else f"the same as in {first}")
 
@@ -123,7 +126,8 @@ def table(doc: str, heading: str) -> list[list[str]]:
     _, _, below = doc.partition(f"## {heading}\n")
     section, _, _ = below.partition("\n## ")
     rows = [line for line in section.splitlines() if line.startswith("|")]
-    body = rows[2:]  # without the header and the line under it
+    # The header and the line under it are no data.
+    body = rows[2:]
     return [_cells(row) for row in body]
 
 
@@ -199,7 +203,7 @@ def _specs(env_id: str) -> str:
             try:
                 check_env_specs(env, seed=_SEED)
             except AssertionError as error:
-                # TorchRL prints both specs in whole below it.
+                # TorchRL prints both specs in full below its first line.
                 first_line, _, _ = str(error).partition("\n")
                 raise Broken(
                     f"what it returns does not fit its specs: {first_line[:_MOST_SHOWN]}"
@@ -244,7 +248,8 @@ def _determinism(env_id: str, task: Task) -> str:
     rollouts = []
     for _ in range(2):
         with closing(make(env_id, seed=_SEED)) as env, torch.random.fork_rng(devices=[]):
-            torch.manual_seed(_SEED)  # of the actions
+            # Actions draw from torch's generator, so it gets the same seed each time.
+            torch.manual_seed(_SEED)
             rollouts.append(env.rollout(_STEPS))
     first, second = rollouts
     if first.shape != second.shape or not bool((first == second).all()):
@@ -262,7 +267,8 @@ def _twin(env_id: str) -> str:
             raise Skip("it is simulated without a robot")
         state = env.reset()
         started_s = twin.now_s()
-        # Both ends, the middle, and one value twice: some change shows in every kind of command.
+        # The values are both ends, the middle, and one value twice, so that every kind of command
+        # shows some change.
         before = state["observation"]
         changed = torch.zeros_like(before, dtype=torch.bool)
         for value in (1.0, 0.0, -1.0, 0.5, 0.5):
@@ -282,12 +288,13 @@ def _twin(env_id: str) -> str:
 
 
 def _values(env_id: str, task: Task) -> str:
-    """What random actions change in some episodes: entries, rewards, and the robot by each
+    """Values that random actions change in some episodes: entries, rewards, and the robot by each
     action."""
     observed = []
     rewards = []
     with closing(make(env_id, seed=_SEED)) as env, torch.random.fork_rng(devices=[]):
-        torch.manual_seed(_SEED)  # of the actions
+        # Actions draw from torch's generator, so it gets the same seed each time.
+        torch.manual_seed(_SEED)
         for _ in range(_EPISODES):
             episode = env.rollout(_LONG)
             observed += [episode["observation"], episode["next", "observation"]]
@@ -351,7 +358,7 @@ def _outcome(
 ) -> TensorDictBase:
     """Observations and rewards of two steps in which one command has a value, and the others are
     0."""
-    # The other commands rest, so that a change is this one's.
+    # The other commands rest, so that a change is caused by this one.
     action = torch.zeros(count)
     action[index] = value
 
@@ -376,7 +383,7 @@ def _functions(task: Task) -> str:
     before, after = low + (high - low) * share  # [steps, n] each
     action = 2 * torch.rand((steps, commands), generator=generator) - 1
     episodes = torch.stack((after, after))
-    # What each returns, and the shape that it should have.
+    # Each function is listed with what it returns, and the shape that this should have.
     shapes = {
         "reward": (task.reward(before, action, after), (steps, 1)),
         "terminated": (task.terminated(after), (steps, 1)),

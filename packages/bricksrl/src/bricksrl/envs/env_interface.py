@@ -121,7 +121,8 @@ class BricksEnv:
 def interface_of(env: Any) -> BricksEnv:
     """The interface of any environment: of the one under the transforms if that is ours, else the
     defaults."""
-    if isinstance(env, BricksEnv):  # without TorchRL
+    # Our own environments need no import of TorchRL.
+    if isinstance(env, BricksEnv):
         return env
     from torchrl.envs import TransformedEnv
 

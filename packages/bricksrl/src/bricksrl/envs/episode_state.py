@@ -63,7 +63,7 @@ class EpisodeState:
     ) -> Floats:
         """The observation ``[n]`` as the task's functions get it: channels, sampled entries,
         distance forward, last commands, the target's entries and the camera's distances."""
-        # In the order of the task's entries.
+        # The order is that of the task's entries, by which its functions index them.
         values = [*channels, *self.drawn, *forward_mm, *self.commands]
         if self.tracker is not None:
             values += self.tracker.entries()

@@ -39,7 +39,7 @@ _log = logging.getLogger(__name__)
 Calibration = Callable[[Robot], Robot]
 
 COPIES_PER_CORE = 8
-"""Most processes of virtual robots; more than one a core only share it."""
+"""Largest number of processes of virtual robots for each core; more only share it."""
 
 _OMIT_BATCH = "omit batch_size, device and kinematics"
 
@@ -132,11 +132,12 @@ def make(
             device,
             kinematics,
         )
-    # What is given wrongly is refused before anything that takes seconds is loaded.
+    # Wrong options are refused before anything is loaded that takes seconds.
     address = parse_hub(options.hub)
     spec = registration(env_id)
     task = build_task(env_id, spec, options.options)
-    check_mujoco()  # TorchRL imports it, whatever the environment
+    # TorchRL imports MuJoCo, whatever the environment.
+    check_mujoco()
     if spec.kinematics is not None:
         simulation = _make_simulation(
             env_id,
@@ -158,7 +159,7 @@ def make(
     env_type = HubEnv if task.base_env is None else OwnEnv
     env = env_type(described, connect, seed=seed)
     if address.is_virtual:
-        # A real robot's environment has no `remake`: there cannot be two links to one hub.
+        # A real robot's environment has no `remake`, because there cannot be two links to one hub.
         env.remake = functools.partial(make, env_id, options.as_it_is())
     return _transformed(env, options)
 
@@ -218,7 +219,7 @@ def _make_simulation(
         device=device,
         seed=seed,
     )
-    # What is pickled has no transforms of its own: TorchRL pickles those around it.
+    # The pickled environment has no transforms of its own, because TorchRL pickles those around it.
     simulation.remake = functools.partial(
         make,
         env_id,
@@ -259,7 +260,8 @@ def _make_copies(
             env = _make_processes(env_id, plain, copies, seed)
     except DescriptionError as error:
         raise RunError(f"cannot make {copies} copies of {env_id}: {error}") from None
-    except EOFError:  # a process ended at once, as it imports the script that starts it
+    except EOFError:
+        # A process ended at once, because it imports the script that starts it.
         raise RunError(
             f"the {copies} processes cannot start; put your script under `if __name__ == "
             "'__main__':`"
@@ -288,10 +290,11 @@ def _make_processes(
         plain,
         seed=seed,
     )
-    # Not forked: threads of torch and MuJoCo do not survive it.
+    # Processes are spawned and not forked, because threads of torch and MuJoCo do not survive a
+    # fork.
     env = Processes(copies, make_one, mp_start_method="spawn")
     env.start()
-    # attributes do not cross process boundaries
+    # Attributes do not cross process boundaries, so the task is built here as well.
     env.task = build_task(env_id, registration(env_id), plain.options)
     return env
 
@@ -334,7 +337,8 @@ def _virtual(task: Task, options: EnvOptions) -> Callable[[int], Connection]:
 
     physics = RandomPhysics() if options.randomize else options.known_physics
     link = None if options.link is None else profile(options.link)
-    warns = True  # the first robot's link; each episode has a robot, and so a link, of its own
+    # Only the first robot's link warns. Each episode has its own robot, and so its own link.
+    warns = True
 
     def connect(twin_seed: int) -> Connection:
         nonlocal warns
@@ -352,12 +356,14 @@ def _virtual(task: Task, options: EnvOptions) -> Callable[[int], Connection]:
             seed=twin_seed,
         )
         if isinstance(twin, VirtualHub):
-            # What the task's channels read by radio is there to connect to.
+            # The devices that the task's channels read by radio are near, so that the program can
+            # connect to them.
             twin.machine.panel.near |= {
                 channel.wireless for channel in task.interface.channels if channel.wireless
             }
         camera = None if task.camera is None else TwinCamera(body, task.camera)
-        pose = getattr(body, "pose", None)  # a body on a bench goes nowhere
+        # A body on a bench goes nowhere, and so has no pose.
+        pose = getattr(body, "pose", None)
         world = World(
             pose,
             body,
@@ -366,8 +372,8 @@ def _virtual(task: Task, options: EnvOptions) -> Callable[[int], Connection]:
             twin.now_s,
         )
         readers = tuple(reader_of(sensor, world) for sensor in task.sensors)
-        # A robot with faults is somebody's own, to which the calibration that was saved for the
-        # virtual hub belongs.
+        # A robot with faults stands for somebody's own one, so the calibration that was saved for
+        # the virtual hub applies to it.
         calibrate = calibration_of(twin) if options.fault and isinstance(twin, VirtualHub) else None
         robot_link = _link(
             task,
@@ -402,7 +408,8 @@ def _real(
         _log.warning("%s: put the robot where an episode starts", task.id)
 
     camera = None if task.camera is None else VideoCamera(task.camera)
-    if "calibration" not in options.options:  # one that is given goes before the one saved here
+    # A calibration that is given goes before the one that was saved here.
+    if "calibration" not in options.options:
         task = _with_saved_red(task)
     if task.robot.hub.model.runs_programs:
         transport = address.transport()

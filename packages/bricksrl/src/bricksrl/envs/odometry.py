@@ -20,8 +20,8 @@ from bricksrl.errors import DescriptionError
 if TYPE_CHECKING:
     import numpy as np
 
-    from bricktwin.twin.mujoco_body import Pose
     from bricktwin.twin.scene import Scene
+    from bricktwin.twin.standing import Pose
 
 _log = logging.getLogger(__name__)
 
@@ -49,7 +49,7 @@ class FloorPose:
         x_mm = self.x_mm - robot.x_mm
         y_mm = self.y_mm - robot.y_mm
         heading = math.radians(robot.heading_deg)
-        # Headings are clockwise, y points left.
+        # Headings are clockwise, but y points to the left.
         ahead_mm = x_mm * math.cos(heading) - y_mm * math.sin(heading)
         left_mm = x_mm * math.sin(heading) + y_mm * math.cos(heading)
         turn_deg = _signed_deg(self.heading_deg - robot.heading_deg)
@@ -62,7 +62,7 @@ class FloorPose:
     ) -> FloorPose:
         """The pose after driving an arc of length ``way_mm`` that turns the robot by ``turn_deg``
         clockwise."""
-        # The chord of an arc points to the middle of the headings at its ends.
+        # An arc ends where its chord does, which points to the middle of the headings at its ends.
         heading = math.radians(self.heading_deg + turn_deg / 2)
         chord_mm = way_mm
         if turn_deg:
@@ -189,7 +189,8 @@ class TargetTracker:
     def follow(self, values: Sequence[float]) -> None:
         """Update the pose from the channels ``values [n]`` after a step."""
         angles_deg = self._angles(values)
-        # A wheel turns by less than half a turn in a step.
+        # A wheel turns by less than half a turn in a step, which is why wrapped angles tell its
+        # direction.
         pairs = zip(angles_deg, self._angles_deg, strict=True)
         left_deg, right_deg = (_signed_deg(after - before) for after, before in pairs)
         deg_per_mm = self._base.turn_deg(1.0)
@@ -273,7 +274,7 @@ class TrueOdometer:
         self._path_m += math.hypot(moved_x_m, moved_y_m)
         x_m = pose.x_m - self._start.x_m
         y_m = pose.y_m - self._start.y_m
-        # Headings are clockwise, y points left.
+        # Headings are clockwise, but y points to the left.
         heading = math.radians(self._start.heading_deg)
         forward_m = x_m * math.cos(heading) - y_m * math.sin(heading)
         step_mm = (forward_m - self._forward_m) * 1000
@@ -286,7 +287,7 @@ class TrueOdometer:
         """Metrics of the episode's motion; straightness is the distance forward over the path
         length, at most 1."""
         time_s = self._now_s - self._start_s
-        # Before the first step neither time nor way has passed.
+        # Before the first step, neither time nor way has passed.
         speed_m_s = self._forward_m / time_s if time_s > 0 else 0.0
         straightness = self._forward_m / self._path_m if self._path_m > 0 else 0.0
         return {
@@ -316,7 +317,7 @@ class SonarOdometer:
         """Decrease of the distance to the wall since the last call, in mm; 0 where it was out of
         range."""
         now_mm = Distance.FARTHEST_MM if self._column is None else values[self._column]
-        # A sensor that hears no echo reads the farthest distance.
+        # A sensor that hears no echo reads the farthest distance, which is no measurement.
         in_range = max(now_mm, self._last_mm) < Distance.FARTHEST_MM
         step_mm = self._last_mm - now_mm if in_range else 0.0
         self._last_mm = now_mm

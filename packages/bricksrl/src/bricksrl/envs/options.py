@@ -89,13 +89,16 @@ class EnvOptions(TransformOptions):
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
-            if isinstance(value, np.generic):  # a NumPy number, such as a seed from an array
+            # A seed from an array is a NumPy number, which JSON does not know.
+            if isinstance(value, np.generic):
                 object.__setattr__(self, name, value.item())
         file: object = self.physics
-        if isinstance(file, str):  # as good as a path
+        # Programs may give a path as a text.
+        if isinstance(file, str):
             object.__setattr__(self, "physics", Path(file))
         faults: object = self.fault
-        if isinstance(faults, str | list):  # of one fault, or out of JSON
+        # A single fault may be given as a text, and JSON has lists.
+        if isinstance(faults, str | list):
             object.__setattr__(
                 self,
                 "fault",
@@ -103,11 +106,13 @@ class EnvOptions(TransformOptions):
             )
         check_fields(type(self), vars(self))
         for text in self.fault:
-            parse_fault(text)  # raises for an unknown kind
+            # An unknown kind of fault is refused now, and not when the robot is made.
+            parse_fault(text)
         if self.link is not None:
-            profile(self.link)  # raises for an unknown name
+            # An unknown name is refused now, and not when the robot is made.
+            profile(self.link)
         if self.transform is not None:
-            # it can be used in any folder
+            # An absolute path keeps its meaning in any folder.
             object.__setattr__(self, "transform", with_absolute_file(self.transform))
         if self.randomize and self.physics is not None:
             raise DescriptionError(
@@ -124,7 +129,7 @@ class EnvOptions(TransformOptions):
                 values[name] = value
             else:
                 options[name] = value
-        # Options that are given as a whole replace these.
+        # A caller that gives `options` as a whole means to replace these.
         return replace(self, **{"options": options, **values})
 
     def refuse(

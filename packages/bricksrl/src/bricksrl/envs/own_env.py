@@ -29,7 +29,7 @@ class OwnEnv(HubEnv):
         reading: Reading,
     ) -> Floats:
         self._own.link = lambda: cast("ClientLink", self._connected().link)
-        # The client has just answered: its reset reads this, and does not ask again.
+        # The client has just answered, so its reset reads this answer and does not ask again.
         self._own.state = reading.values
         state = self._guarded(lambda: self._own._reset(None))
         first: Floats = self._observation_in(state).numpy()
@@ -41,7 +41,8 @@ class OwnEnv(HubEnv):
         action: torch.Tensor,
     ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
         commands = self._commanded(episode, action.tolist())
-        # The paper's template takes and returns batches of one.
+        # The paper's template takes and returns batches of one, so a dimension is added and
+        # removed.
         before = TensorDict(
             {
                 self._own.observation_key: episode.observation[None],
@@ -50,7 +51,7 @@ class OwnEnv(HubEnv):
             [1],
         )
         after = self._guarded(lambda: self._own._step(before))
-        # Its client sends no time of the hub.
+        # This client does not send the hub's time.
         episode.measured_s = episode.hub_time_s = self._connected().link.now_s()
         ends = after.get("terminated", after.get("done", None))
         if ends is None or after.get("reward", None) is None:

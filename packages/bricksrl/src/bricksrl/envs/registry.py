@@ -10,10 +10,13 @@ import sys
 import typing
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, fields, replace
+from pathlib import Path
 from typing import Annotated, Any
 
 from brickhub.fields import check_call, check_value
-from brickhub.user_files import NotCode, beside, is_reference, load_object
+from brickhub.files import quoted
+from brickhub.robot import Robot
+from brickhub.user_files import NotCode, beside, is_reference, load_object, objects_in
 from bricksrl.envs.arenas import ARENAS
 from bricksrl.envs.base_env import BaseEnv
 from bricksrl.envs.options import TRANSFORMS, EnvOptions
@@ -34,6 +37,7 @@ from bricksrl.errors import (
     hint,
 )
 from bricktwin.robots import CART
+from bricktwin.robots.planned import completed
 
 
 @dataclass(frozen=True)
@@ -65,7 +69,8 @@ def _on_robot(task: Task) -> Callable[..., Task]:
                 f"{task.id} is not for robot '{robot}'{hint(robot, known)}; choose "
                 f"{' or '.join(known)}"
             )
-        # The very task where nothing changes: what is registered can be compared.
+        # Where nothing changes, the very same task is returned, so that it can be compared with the
+        # registered one.
         return task if robot == task.robot.name else replace(task, robot=known[robot])
 
     return build
@@ -183,7 +188,7 @@ def option_types(env_id: str) -> dict[str, Any]:
     if env_id not in _BUILT_IN:
         return {}
     builder = _BUILT_IN[env_id].build
-    # Some are partial functions, which have no annotations of their own.
+    # Some makers are partial functions, which have no annotations of their own.
     function = getattr(builder, "func", builder)
     return typing.get_type_hints(function, include_extras=True)
 
@@ -192,7 +197,8 @@ def _unknown(spec: Registration, options: Iterable[str]) -> list[str]:
     """Names of the options that an environment does not have."""
     parameters = inspect.signature(spec.build).parameters
     kinds = [parameter.kind for parameter in parameters.values()]
-    if inspect.Parameter.VAR_KEYWORD in kinds:  # a user's function that takes any
+    # A user's function may take any option.
+    if inspect.Parameter.VAR_KEYWORD in kinds:
         return []
     return [name for name in options if name not in parameters]
 
@@ -229,7 +235,7 @@ def _unknown_option(
     spec: Registration,
     option: str,
 ) -> str:
-    """What is said about an option that an environment does not have: what it has instead."""
+    """Message about an option that an environment does not have, with those that it has."""
     of_task = list(inspect.signature(spec.build).parameters)
     if spec.kinematics is None:
         all_options = [field.name for field in fields(EnvOptions) if field.name != "options"]
@@ -242,8 +248,8 @@ def _unknown_option(
 
 
 def registration(env_id: str) -> Registration:
-    """What is registered under an id, or made of a user's task. Raises UnknownNameError if there is
-    no such environment."""
+    """Registration of an id, or one that is made of a user's task. Raises UnknownNameError if there
+    is no such environment."""
     check_value("env_id", env_id, str)
     if is_reference(env_id):
         return Registration(_user_builder(env_id))
@@ -277,7 +283,11 @@ def _user_builder(reference: str) -> Callable[..., Task]:
         DescriptionError: the named object is no task or has the id of a different built-in one, or
             the code raised.
     """
-    found = load_object(reference, Task, missing="`bricksrl new task FILE` writes a file with one")
+    missing = "`bricksrl new task FILE` writes a file with one"
+    try:
+        found = load_object(reference, Task, missing=missing)
+    except UnknownNameError as error:
+        raise UnknownNameError(f"{error}{_on_robots_in(reference)}") from None
     if not isinstance(found, Task) and not callable(found):
         raise DescriptionError(
             f"{reference} is a {type(found).__name__} and no task; name a bricksrl.envs.Task"
@@ -302,6 +312,21 @@ def _user_builder(reference: str) -> Callable[..., Task]:
         return task
 
     return build
+
+
+def _on_robots_in(reference: str) -> str:
+    """What to do with a file that has no task but a robot; "" if it has neither. Raises PlanError
+    if a robot's plan cannot be read, DescriptionError if the robot is wrong."""
+    if not Path(reference).is_file():
+        return ""
+    found = objects_in(reference, Robot)
+    # A plan that is missing is the first thing to mend, whatever else the file lacks.
+    for robot in found.values():
+        completed(robot)
+    if not found:
+        return ""
+    command = f"bricksrl hub check {quoted(reference)} --hub virtual"
+    return f"; `{command}` checks the robot that it has"
 
 
 def _is_alike(task: Task, other: Task) -> bool:

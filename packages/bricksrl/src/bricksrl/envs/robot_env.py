@@ -59,7 +59,8 @@ class RobotEnv(BricksEnv):
         self._connection: Connection | None = None
         self._watchers: list[Callable[[Connection], None]] = []
         self._episode: EpisodeState | None = None
-        self._timed: EpisodeState | None = None  # also when the link has broken
+        # This keeps the episode even when the link has broken.
+        self._timed: EpisodeState | None = None
         self._spans: list[tuple[float, float]] = []
         """Middle and half of the range of each command."""
         for command in task.interface.commands:
@@ -67,12 +68,15 @@ class RobotEnv(BricksEnv):
             half = (command.high - command.low) / 2
             self._spans.append((middle, half))
         self._observed = task.observed_channels
-        self._images: dict[str, NDArray[np.uint8]] = {}  # the last ones of sensors
+        # These are the last images of the sensors.
+        self._images: dict[str, NDArray[np.uint8]] = {}
         self.reconnect = Reconnect()
-        self._changed = threading.Condition()  # of what follows, as any thread may stop or pause
+        # The condition guards the flags below, because any thread may stop or pause.
+        self._changed = threading.Condition()
         self._is_stopped = False
         self._is_paused = False
-        self._is_confirmed = False  # that the motors of a real robot stand still
+        # A stop is only confirmed once the motors of a real robot are known to stand still.
+        self._is_confirmed = False
         self._set_seed(seed)
 
     def close(self, **_: Any) -> None:
@@ -90,17 +94,19 @@ class RobotEnv(BricksEnv):
         return lambda: self._watchers.remove(watcher)
 
     def stop(self) -> None:
-        # First the flag, which ends a wait and keeps a link that opens just now from moving.
+        # The flag is set first. It ends a wait, and keeps a link that is just opening from moving.
         with self._changed:
             self._is_stopped = True
             self._is_confirmed = False
             self._changed.notify_all()
         connection = self._connection
         if connection is None:
-            self._is_confirmed = True  # nothing moves
+            # Without a connection nothing moves.
+            self._is_confirmed = True
             return
         was_open = connection.link.is_open
-        connection.link.emergency_stop()  # returns when a real hub says that the program has ended
+        # This returns when a real hub says that the program has ended.
+        connection.link.emergency_stop()
         self._is_confirmed = was_open
 
     @property
@@ -135,7 +141,8 @@ class RobotEnv(BricksEnv):
 
     def _set_seed(self, seed: int | None) -> None:
         self._seed = seed
-        # Streams of their own: a place that draws more changes no goal and no twin.
+        # Each part draws from a stream of its own, so that a place that draws more changes neither
+        # goal nor twin.
         host, place, twin = np.random.SeedSequence(seed).spawn(3)
         self._host_rng = np.random.default_rng(host)
         self._place_rng = np.random.default_rng(place)
@@ -152,7 +159,8 @@ class RobotEnv(BricksEnv):
         true_pose = self._connected().true_pose
         task = self.task
         measured_s = link.now_s() - reading.age_s
-        # The order of draws is that of seeded runs: entries, target, camera.
+        # The order of the draws (entries, target, camera) must not change, because seeded runs rely
+        # on it.
         drawn = [entry.draw(self._host_rng) for entry in task.sampled_entries]
         tracker = None
         if task.target is not None:
@@ -194,7 +202,8 @@ class RobotEnv(BricksEnv):
         return episode
 
     def _zeros(self, reading: Reading) -> list[float]:
-        """What is subtracted from each observed channel: an accumulating one starts at 0."""
+        """Numbers that are subtracted from the observed channels, because an accumulating one
+        starts at 0."""
         zeros = []
         for index in self._observed:
             accumulates = self.task.interface.channels[index].accumulates
@@ -260,7 +269,7 @@ class RobotEnv(BricksEnv):
             episode.tracker.follow(reading.values)
         if episode.watch is not None:
             episode.watch.see(self._guarded(self._camera.frame))
-        # A task may report the distance and not observe it.
+        # A task may report the distance without observing it.
         measured = forward_mm[: len(self.task.measured_entries)]
         return episode.observe(self._channels(reading, episode), measured)
 
@@ -319,10 +328,12 @@ class RobotEnv(BricksEnv):
                 watcher(self._connection)
             twin = self._connection.twin
             if twin is not None:
-                # Its link breaks by a fault of the robot, or where a test takes it out of reach.
+                # The twin may break its link by itself, by a fault of the robot, and a test may
+                # take it out of reach as well.
                 by_itself = twin.in_reach
                 twin.in_reach = lambda: by_itself() and self.in_reach()
-            self._check_stop()  # a stop requested before this had no link to act on
+            # A stop that was requested before this had no link to act on.
+            self._check_stop()
         return self._connection
 
     def _start(self) -> Reading:
@@ -335,7 +346,8 @@ class RobotEnv(BricksEnv):
                     connection.link.read()
         # A stop may have come during the pause.
         self._check_stop()
-        connection.link.open()  # without effect when it is open
+        # This has no effect on a link that is already open.
+        connection.link.open()
         for reader in connection.sensors:
             reader.open()
         with self.reconnect.by_hand():

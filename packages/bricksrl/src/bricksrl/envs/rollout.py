@@ -66,7 +66,7 @@ def play(
         if driver is not None:
             state["intervention"] = torch.tensor(driver_action is not None)
         frame = env.step(state)
-        # Read before the frame is given away, whose receiver may change it.
+        # This is read before the frame is given away, because its receiver may change it.
         done = bool(frame["next", "done"]) and not goes_on()
         yield frame
         state = env.step_mdp(frame)
@@ -77,7 +77,8 @@ def seed_episode(env: EnvBase, seed: int) -> None:
 
     An interrupted run can therefore resume exactly, without saving any state of the environment.
     """
-    # many environments seed torch's global generator here, which the policy draws from: restore it
+    # Many environments seed torch's global generator here. The policy draws from it, so its state
+    # is restored.
     state = torch.get_rng_state()
     env.set_seed(seed)
     torch.set_rng_state(state)
@@ -139,7 +140,7 @@ class Rollout:
         for step in own:
             if link_lost(step):
                 self.is_lost = True
-                # also where a transform leaves it out
+                # A transform may leave the entry out, so it is set anew.
                 frame["next", "link_lost"] = torch.ones(1, dtype=torch.bool)
                 break
             whole.append(step)
@@ -226,10 +227,10 @@ def play_episodes(
     for number in range(1, episodes + 1):
         episode = None
         lost = 0
-        # what a pause truncated does not count either
+        # An episode that a pause truncated does not count either.
         while episode is None or episode.is_lost or interface_of(env).is_cut:
             episode = Rollout()
-            # a virtual link would break again
+            # The seed changes, because a virtual link would break again at the same step.
             seed_episode(env, episode_seed(kind, seed, number, lost))
             for frame in play(env, policy, reset_policy=reset_policy):
                 episode.add(frame, env)
@@ -268,7 +269,8 @@ def _play_copies(
     judge = _judge_of_copies(env)
     started = 0
     played = 0
-    in_vain = 0  # rounds one after the other in which all links broke
+    # The number of rounds in a row in which all links broke limits how long this goes on.
+    in_vain = 0
     while played < episodes:
         seed_episode(env, seed_of(1 + started))
         started += copies
@@ -277,7 +279,8 @@ def _play_copies(
         frames = rollout["next"]
         sizes = rollout["action"].abs().mean(-1)  # [copies, time]
         done = frames["done"].squeeze(-1)
-        # Of each copy only the first episode counts: quick ones would count more often.
+        # Only the first episode of each copy counts, because quick ones would otherwise count more
+        # often.
         first_end = done.int().argmax(-1) + 1
         lengths = torch.where(done.any(-1), first_end, done.shape[-1])  # [copies]
         whole = []
@@ -296,7 +299,7 @@ def _play_copies(
             success = None if judge is None else success_of(judge, episode["observation"])
             numbers = {} if judge is None else metrics_of(judge, episode["observation"])
             size = float(sizes[copy, : len(episode)].mean())
-            # Counters stand before the transforms, and hold the environment's own.
+            # Counters stand before the transforms, and so hold the environment's own numbers.
             if "episode_reward" in episode:
                 return_ = episode["episode_reward"][-1]
             else:

@@ -122,22 +122,23 @@ class SimulatedEnv(BricksEnv, EnvBase):  # type: ignore[misc]
         step_ms = task.interface.settle.fixed_ms
         is_instant = self._kinematics.motion == "instant"
         is_endless = all(angle.wraps for angle in angles)
-        # End stops are not modelled: there the firmware's trajectory is not the motion.
+        # End stops are not modelled, and at an end stop the motion differs from the firmware's
+        # trajectory.
         if not is_instant and (step_ms is None or not is_endless):
             raise DescriptionError(
                 f"{task.id} cannot be simulated with the firmware's motion; it needs a Wait, and "
                 "motors without ends"
             )
-        # until the next command
+        # Without a fixed time, a motion lasts until the next command.
         self._time_s = None if is_instant or step_ms is None else step_ms / 1000
         self._low = self._column([angle.low for angle in angles])
         self._high = self._column([angle.high for angle in angles])
-        # Wrap and stop in one formula: whole turns are subtracted for endless motors, then all
-        # angles are clamped.
+        # Wrapping and stopping are one formula, to need no branch for each motor: whole turns are
+        # subtracted for endless ones, and then all angles are clamped.
         wraps = self._column([float(angle.wraps) for angle in angles])
         self._turns_per_deg = wraps / 360.0
         self._deg_per_turn = wraps * 360.0
-        # A slice where the commanded motors are contiguous: indexing then copies nothing.
+        # If the commanded motors are contiguous, a slice selects them without a copy.
         first = indices[0]
         end = first + len(indices)
         is_contiguous = indices == list(range(first, end))
@@ -202,7 +203,7 @@ class SimulatedEnv(BricksEnv, EnvBase):  # type: ignore[misc]
         given = clamped(tensordict["action"], self._action_shape, self.task.id)
         action = given.view(self._copies, -1).t().contiguous()  # [m, copies]
         before = self._state
-        # New tensors in place of changed ones: what an earlier step returned may be kept.
+        # New tensors replace the old ones, because a caller may keep what an earlier step returned.
         (self._state, self._speed) = self._move(self._state, action)
         self._steps = self._steps + 1
         observation = self._state.t()
@@ -242,7 +243,7 @@ class SimulatedEnv(BricksEnv, EnvBase):  # type: ignore[misc]
         angles = self._bounded(turn.add_(state[self._angles]))
         if not on_action:
             angles = self._bounded(angles.add_(noise))
-        # A copy: the state before the step is still needed for the reward.
+        # The state is copied, because the one before the step is still needed for the reward.
         moved = state.clone()
         moved[self._angles] = angles
         return moved, speed
@@ -263,8 +264,8 @@ class SimulatedEnv(BricksEnv, EnvBase):  # type: ignore[misc]
         self._speed = self._speed.index_fill(1, copies, 0.0)
 
     def _out(self, batch: Tensor) -> Tensor:
-        # One robot's values are copied, so that a caller cannot change the state; those of a batch
-        # are a view, for speed.
+        # The values of one robot are copied, so that a caller cannot change the state. Those of a
+        # batch are a view, which is faster.
         return batch if self.batch_size else batch[0].clone()
 
 
@@ -273,7 +274,8 @@ def reseed(generator: torch.Generator, seed: int | None) -> None:
     if seed is None:
         generator.seed()
     else:
-        generator.manual_seed(int(seed))  # it takes no NumPy integers
+        # torch takes no NumPy integers.
+        generator.manual_seed(int(seed))
 
 
 def resolve_device(name: str | torch.device) -> torch.device:
@@ -281,7 +283,7 @@ def resolve_device(name: str | torch.device) -> torch.device:
     if name == "auto":
         name = next(iter(_accelerators()), "cpu")
     try:
-        # Only a tensor on it shows that there is such a device, and gives it its number.
+        # Only making a tensor on it shows that there is such a device, and gives it its number.
         return torch.empty(0, device=torch.device(name)).device
     except (RuntimeError, AssertionError, NotImplementedError, TypeError):
         here = ", ".join(["cpu", *_accelerators()])
@@ -304,7 +306,7 @@ def batch_shape(batch_size: int | Sequence[int]) -> torch.Size:
         sizes = list(batch_size)
     else:
         sizes = [batch_size] if batch_size else []
-    # A NumPy integer has an index too, a float has none.
+    # A NumPy integer has an index too, but a float has none.
     are_counts = all(hasattr(size, "__index__") and size > 0 for size in sizes)
     if len(sizes) > 1 or not are_counts:
         raise DescriptionError(
@@ -330,28 +332,27 @@ def turned_angle(
     a = ACCELERATION_DEG_S2
     sign = turn_deg.sign()
     distance = turn_deg.abs()
-    # A start speed too high to stop in time is clipped to the highest from which stopping is
-    # possible.
+    # A start speed that is too high to stop in time is reduced to the highest one that allows it.
     start = torch.minimum(sign * speed_deg_s, (2.0 * a * distance).sqrt())
     back = torch.where(start < 0, start.square() / (2.0 * a), 0.0)
     top = torch.minimum((2.0 * a * (distance + back)).sqrt(), limit_deg_s)
     # A command with a lower limit than the present speed begins by braking.
     first = torch.where(start < top, a, -a)
-    # position where the first ramp, extrapolated, has speed zero
+    # The first ramp, extrapolated, would have speed zero at this position.
     origin = -start.square() / (2.0 * first)
     ramped = origin + top.square() / (2.0 * first)
     braking = distance - top.square() / (2.0 * a)
-    # too short to reach the limit: triangular profile, without a cruise
+    # If the way is too short to reach the limit, the profile is a triangle without a cruise.
     is_triangular = braking < ramped
     ramped = torch.where(is_triangular, (origin + distance) / 2.0, ramped)
     braking = torch.where(is_triangular, ramped, braking)
     peak_squared = 2.0 * first * (ramped - origin)
     top = torch.where(is_triangular, peak_squared.clamp_min(0.0).sqrt(), top)
-    # Times at which the first ramp ends, and the braking begins.
+    # The first ramp ends and the braking begins at these times.
     t1 = (top - start) / first
     cruise_s = (braking - ramped) / top.clamp_min(1e-6)
     t2 = t1 + torch.where(top > 0, cruise_s, 0.0)
-    # Parts of ``time_s`` in the first ramp, at constant speed, and braking.
+    # `time_s` is divided into its parts in the first ramp, at constant speed, and in braking.
     u1 = t1.clamp_max(time_s)
     u3 = (time_s - t2).clamp_min(0.0).minimum(top / a)
     cruise = (time_s - t1).clamp_min(0.0).minimum(t2 - t1)

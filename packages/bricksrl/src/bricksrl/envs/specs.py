@@ -32,7 +32,7 @@ def clamped(
             f"{env_id} got an action of shape {list(action.shape)}; give {list(shape)}"
         )
     action = action.detach().clamp(-1.0, 1.0)
-    # One number is NaN where any of them is.
+    # One sum is enough, because it is NaN if any number is.
     if action.device.type == "cpu" and isnan(action.sum()):
         raise BricksError(
             f"{env_id} got an action that is not a number (NaN); look for what computed it"
@@ -109,7 +109,8 @@ class NominalBounded(BoundedContinuous, metaclass=_KeepClass):  # type: ignore[m
         return repeated.expand(sizes).reshape(self.shape)
 
     def is_in(self, val: Tensor) -> bool:
-        inner_shape = val.shape[-self.ndim :]  # it may have batch dimensions before
+        # Batch dimensions may come before those of the spec.
+        inner_shape = val.shape[-self.ndim :]
         is_alike = val.dtype == self.dtype and inner_shape == self.shape
         if not is_alike or not bool(val.isfinite().all()):
             return False
@@ -120,7 +121,8 @@ class NominalBounded(BoundedContinuous, metaclass=_KeepClass):  # type: ignore[m
 
     def of_same(self, spec: Any) -> "NominalBounded":
         """Another spec, with the entries of this one."""
-        if not isinstance(spec, NominalBounded):  # ``Bounded.to`` makes a plain ``Bounded``
+        # `Bounded.to` returns a plain `Bounded`, so the entries are put back.
+        if not isinstance(spec, NominalBounded):
             spec = NominalBounded(
                 spec.low,
                 spec.high,
@@ -240,7 +242,7 @@ class ImageShape:
         shape = tuple(spec.shape)
         first = shape[0]
         last = shape[-1]
-        # Channels are fewer than pixels; which end they stand at is a matter of the library.
+        # There are fewer channels than pixels, and libraries differ in which end they stand at.
         is_last = last < first
         channels = last if is_last else first
         side = first if is_last else last
@@ -256,7 +258,8 @@ class ImageShape:
         white = image.high if high is None else float(high.max())
         if inf > white > black > -inf:
             return replace(image, low=black, high=white)
-        return image  # an unbounded spec does not say what white is
+        # An unbounded spec does not say what white is.
+        return image
 
 
 EPISODE_KEYS = (
@@ -269,14 +272,14 @@ EPISODE_KEYS = (
     "time_policy",
     "time_reset",
 )
-"""What is noted of the course of an episode, by us and by TorchRL's transforms; no agent reads it,
-nor what begins with "_"."""
+"""Keys about the course of an episode, from us and from TorchRL's transforms. No agent reads them,
+nor any that begins with "_"."""
 
 
 def transform_failure(error: Exception) -> DescriptionError:
     """The error of a transform that raised, by the name of its class."""
     name = "the transform"
-    # The innermost one of the traceback: those around it only called it.
+    # The innermost call counts, because those around it only called it.
     for frame, _ in traceback.walk_tb(error.__traceback__):
         caller = frame.f_locals.get("self")
         if isinstance(caller, Transform) and not isinstance(caller, Compose):
@@ -310,7 +313,8 @@ def observed_specs(env: EnvBase) -> dict[str, Any]:
     agent can read."""
     specs = {}
     for key, spec in specs_of(env, "observation").items():
-        # its parts have other names now
+        # A transform that renames all parts of a group leaves it empty, and then nothing of it is
+        # read.
         is_group = isinstance(spec, Composite)
         is_empty = is_group and not list(spec.keys(True, True))
         if key in EPISODE_KEYS or key.startswith("_") or is_empty:
@@ -399,7 +403,7 @@ class ObservationLayout:
         for index, number in enumerate(numbers):
             entry = number.entry
             has_range = inf > entry.high - entry.low
-            # The scale of a number without range, angle or goal is a transform's matter.
+            # A number without range, angle or goal is left for a transform to scale.
             has_unit = index in paired or entry.wraps or has_range
             maps.append((number.scale, number.offset) if has_unit else (1.0, 0.0))
         is_scaled = any(pair != (1.0, 0.0) for pair in maps)
@@ -430,9 +434,10 @@ def _goal_pairs(numbers: Sequence[Number]) -> tuple[tuple[int, int], ...]:
             continue
         joint = name.removesuffix("_goal")
         angles = places.get((f"{joint}_angle", frame), ())
-        # Where a transform copies both, the first belong together, then the second, and so on.
+        # Where a transform copies both, the first of each belong together, then the second, and so
+        # on.
         pairs += zip(goals, angles, strict=False)
-    # A difference has a meaning only where both run around, or neither does.
+    # A difference only means something where both wrap around, or neither does.
     alike = [
         (goal, angle)
         for goal, angle in pairs
@@ -473,4 +478,4 @@ class SpecsEnv(BricksEnv, EnvBase):  # type: ignore[misc]
         return self._reset(tensordict)
 
     def _set_seed(self, _seed: int | None) -> None:
-        """Do nothing: there is nothing random."""
+        """Do nothing, because nothing is random."""

@@ -32,7 +32,8 @@ if TYPE_CHECKING:
 
     Tensor = torch.Tensor
 else:
-    Tensor = Any  # for annotations, also of tasks: importing them loads no torch
+    # This is for annotations only, so that importing a task loads no torch.
+    Tensor = Any
 
 
 @dataclass(frozen=True)
@@ -128,7 +129,7 @@ class Task:
         check_fields(Task, vars(self))
         self.robot.check_complete()
         if self.client is not None:
-            # An absolute path, which can be used in any folder.
+            # An absolute path keeps its meaning in any folder.
             object.__setattr__(self, "program", self.client.program)
             self.client.check(self.interface)
         for name, arguments in _ARGUMENTS.items():
@@ -144,7 +145,8 @@ class Task:
                 "of 1 or more"
             )
         if self.target is not None:
-            wheels(self.robot, self.interface)  # raises where dead reckoning is impossible
+            # The call raises where dead reckoning is impossible, before an episode needs it.
+            wheels(self.robot, self.interface)
         if not self.interface.commands or not self.entries:
             raise DescriptionError(
                 f"task {self.id}: nothing to command or nothing to observe; name commands and "
@@ -152,7 +154,8 @@ class Task:
             )
         self._check_names()
         if self.symmetric:
-            mirrors(self)  # raises where something has no mirror image
+            # This raises where something has no mirror image.
+            mirrors(self)
 
     def _check_names(self) -> None:
         """Raise DescriptionError where two numbers or images have one name, or an image that of a
@@ -170,7 +173,8 @@ class Task:
                 f"task {self.id}: '{taken[0]}' is what each step has anyway; give the sensor "
                 "another name"
             )
-        # Not `low > high`, which is false where an end is no number.
+        # NaN is not above anything, so the comparison is negated to catch an end that is no number
+        # as well.
         backwards = [entry.name for entry in self.entries if not entry.low <= entry.high]
         if backwards:
             raise DescriptionError(
@@ -205,7 +209,7 @@ class Task:
     @property
     def observed_channels(self) -> tuple[int, ...]:
         """Indices of the channels that are in the observation."""
-        # The wheels only tell where the target is: see `Target`.
+        # With a target, the wheels only tell where it is (see `Target`).
         wheel_angles = () if self.target is None else wheels(self.robot, self.interface)
         channels = range(len(self.interface.channels))
         return tuple(index for index in channels if index not in wheel_angles)
@@ -243,7 +247,7 @@ class Task:
             return ()
         entries = []
         for command in self.interface.commands:
-            # After a reset it reads 0, also where that is no command.
+            # After a reset this reads 0, even where 0 is no command.
             limits = (min(command.low, 0.0), max(command.high, 0.0))
             name = f"last_{command.name}"
             entries.append(
@@ -315,7 +319,7 @@ _ARGUMENTS = {
 """Arguments of the functions of a task."""
 
 
-# What is known about an episode whatever its task, also for trackers.
+# Trackers log these of each episode, whatever its task.
 MEASURED = ("episode", "phase", "steps", "length", "return", "success")
 """The first columns of ``metrics.csv``."""
 MEASURED_TOO = ("seconds", "updates_per_step", "link_lost", "evaluation", "robot")
@@ -427,7 +431,8 @@ class Mirror:
     def __call__(self, vector: Tensor) -> Tensor:
         """Mirror image of vectors ``[*batch, n]``."""
         moved = vector[..., list(self.places)] * vector.new_tensor(self.signs)
-        # An angle of 0..360 degrees that changes its sign stays one.
+        # An angle in 0..360 degrees would leave its range when its sign changes, so it is wrapped
+        # again.
         signs_and_wraps = enumerate(zip(self.signs, self.wraps, strict=True))
         turned = [index for index, (sign, wraps) in signs_and_wraps if wraps and sign < 0]
         if turned:
@@ -455,7 +460,7 @@ def mirrors(task: Task) -> tuple[Mirror, Mirror]:
     if task.observes_commands:
         observed += [(f"last_{name}", sign) for name, sign in actions]
     for command, (_, sign) in zip(interface.commands, actions, strict=True):
-        # Of a range about 0 the mirror image is the range itself.
+        # A command whose range is not about 0 has no mirror image in it.
         is_about_0 = command.low == -command.high
         if sign == 0 or (sign < 0 and not is_about_0):
             raise command.error(
@@ -506,7 +511,7 @@ def task_of(env: BaseEnv) -> Task:
             robot=env.robot,
             interface=Interface(tuple(commands), tuple(channels), UntilDone()),
             max_steps=env.max_episode_steps,
-            # Its own steps pay and judge; nothing asks these.
+            # Its own steps compute reward and end, so nothing calls these functions.
             reward=lambda previous, action, observation: _unpaid(observation),
             success=_unjudged,
             metrics=lambda observations: {},

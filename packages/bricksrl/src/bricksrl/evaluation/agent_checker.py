@@ -46,7 +46,7 @@ def is_agent(name: str) -> bool:
         return False
     if not callable(build):
         return False
-    # Any module may have a function `build`; only that of an algorithm takes settings.
+    # Any module may have a function `build`, but only that of an algorithm takes settings.
     return name.endswith(".py") or "settings" in inspect.signature(build).parameters
 
 
@@ -79,8 +79,8 @@ class _Checked:
             raise Broken(f"{', '.join(missing)} has no default; give it one")
         settings = preset("default", self.algorithm.name)
         values = dataclasses.asdict(settings)
-        # As a run's config.json keeps them: a setting that does not survive it would be another one
-        # after a resume.
+        # Settings are compared as config.json keeps them: one that does not survive it would be
+        # another one after a resume.
         written = json.loads(json.dumps(values))
         read = settings_from(self.algorithm.name, written)
         if dataclasses.asdict(read) != values:
@@ -142,13 +142,14 @@ class _Checked:
         learner = self._learner()
         if not isinstance(learner, GradientLearner):
             raise Skip("it learns nothing")
-        # What it does before the first update, such as choosing first values, is no learning.
+        # Work before the first update, such as choosing first values, is no learning.
         learner.make_updates(0)
         parameters = learner.descent.parameters()
         before = [parameter.detach().clone() for parameter in parameters]
         steps = _STEPS
         if not learner.on_policy:
-            # As many as four updates need, of an algorithm that makes less than one a step.
+            # There are as many steps as four updates need, because some algorithms make less than
+            # one update a step.
             steps = min(1000, max(2, round(4 / max(learner.updates_per_step, 1e-9))))
         losses = learner.learn(steps)
         if not losses:
@@ -177,7 +178,7 @@ class _Checked:
         restored.load_state_dict(torch.load(file, weights_only=True))
         state = env.reset()
         actions = []
-        # The same seed for both, as an agent may draw at its best too.
+        # Both get the same seed, because an agent may draw even at its best.
         for actor in (learner, restored):
             actor.reset_policy()
             torch.manual_seed(_SEED)

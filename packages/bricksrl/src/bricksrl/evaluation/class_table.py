@@ -88,7 +88,7 @@ def class_table(folder: Path | str) -> ClassTable:
     runs = list[_Run]()
     unread = list[str]()
     for path in sorted(config.parent for config in folder.rglob("config.json")):
-        # One damaged run, as a memory stick may bring, must not hide the others.
+        # One damaged run, for example from a memory stick, must not hide the others.
         try:
             if (path / "metrics.csv").exists():
                 runs.append(_read(path, folder))
@@ -139,7 +139,8 @@ def _read(path: Path, folder: Path) -> _Run:
         is_evaluated=evaluation is not None,
         interval=interval,
     )
-    # With a learner beside the robot, or a real robot, the same seed gives another run.
+    # The curve of a run can be compared only if its seed repeats it, which a learner beside the
+    # robot and a real robot do not allow.
     is_repeatable = not config.asynchronous and config.hub == "virtual"
     return _Run(
         row,
@@ -199,7 +200,8 @@ def _sentences(runs: Sequence[_Run], usual: dict[str, Any]) -> Iterator[str]:
         different = list(_different(members))
         for same in _same(members):
             names = ", ".join(f"{run.row.name} ({run.row.folder})" for run in same)
-            # A copied folder has the same curve to the last digit; other processors differ there.
+            # A copied folder has the same curve to the last digit, but a repetition on another
+            # processor differs there.
             is_copy = len({run.curve for run in same}) == 1
             what = "the same run" if is_copy else "runs of the same seed"
             yield (

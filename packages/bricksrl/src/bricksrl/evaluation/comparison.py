@@ -111,7 +111,8 @@ def compare(paths: Sequence[Path | str] | Path | str) -> Comparison:
     """
     paths = [paths] if isinstance(paths, str | Path) else paths
     runs = [_Run.read(path) for path in _run_folders(paths)]
-    # All by one measure: an evaluation is without exploration, and higher than what trained.
+    # All runs are compared by one measure: an evaluation has no exploration, and so is higher than
+    # the returns in training.
     is_evaluated = all(run.evaluation is not None for run in runs)
     by_config: dict[tuple[str, str], list[_Run]] = {}
     for run in runs:
@@ -121,7 +122,8 @@ def compare(paths: Sequence[Path | str] | Path | str) -> Comparison:
     for env, shared in sorted(by_config):
         members = by_config[env, shared]
         _check_seeds(members)
-        # One run of each group of this environment, from which the label tells this group.
+        # Labels tell a group from the others, so one run of each group of this environment is
+        # needed.
         in_env = [group[0] for (group_env, _), group in by_config.items() if group_env == env]
         group = Group(
             env=env,
@@ -143,7 +145,7 @@ def _improvements(groups: Sequence[Group]) -> Iterator[Improvement]:
     for pair in itertools.combinations(groups, 2):
         if pair[0].env != pair[1].env:
             continue
-        # The better one first, so that each pair reads as an improvement.
+        # The better one comes first, so that each pair reads as an improvement.
         better, other = sorted(pair, key=lambda group: group.score, reverse=True)
         probability, interval = probability_of_improvement(better.scores, other.scores)
         if interval is not None:
@@ -216,10 +218,10 @@ def _run_folders(paths: Sequence[Path | str]) -> Iterator[Path]:
     seen: set[Path] = set()
     for path in map(Path, paths):
         seeds = sorted(config.parent for config in path.glob("seed-*/config.json"))
-        # A run may have folders of such a name in it, as a user may call a copy so.
+        # A user may call a copy by this name, so a run may contain such folders.
         is_run = RunFolder(path).config_path.exists()
         for run in seeds if seeds and not is_run else [path]:
-            # The same folder by another name, such as a link, is the same run.
+            # A link to a folder names the same run a second time, which must not count twice.
             if run.resolve() in seen:
                 raise RunError(f"{run} is named twice; name it once")
             seen.add(run.resolve())
@@ -254,7 +256,7 @@ def draw(path: Path | str, groups: Sequence[Group]) -> None:
     columns = min(_COLUMNS, len(envs))
     rows = math.ceil(len(envs) / columns)
     agents = list(dict.fromkeys(group.agent for group in groups))
-    # An agent has one colour in all panels, and one line in the common legend.
+    # Colours are given to agents and not to lines, so that the legend can be shared by all panels.
     colours = dict(zip(agents, itertools.cycle(PALETTE)))
     figure = new_figure(7.0 * columns + 1.0, 3.8 * rows + 0.5)
     panels = figure.subplots(rows, columns, squeeze=False).flatten()
@@ -303,7 +305,7 @@ def _draw_group(
     colour: str,
     label: str | None,
 ) -> None:
-    # Up to the end of the shortest run, as a mean of fewer runs would be another one.
+    # The curve ends with the shortest run, because a mean of fewer runs would be another one.
     points = [list(values) for values in zip(*group.curves, strict=False)]
     episodes = range(1, len(points) + 1)
     means = [float(interquartile_mean(np.array(values))) for values in points]

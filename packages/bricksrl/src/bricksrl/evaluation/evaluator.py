@@ -181,10 +181,10 @@ def evaluate(
     hub = origin.options.hub
     own: EnvBase | None = None
     if env is None or isinstance(env, str):
-        env_id = with_absolute_file(env or origin.env)
+        env_id = with_absolute_file(origin.env if env is None else env)
         nominal = evaluation_options(origin, origin.env)
         options = evaluation_options(origin, env_id, **named)
-        # Who gives options has chosen them, and needs no word on those of the training.
+        # Whoever gives options has chosen them, and needs no note about those of the training.
         missing = [name for name in nominal.options if name not in options.options]
         left_out = [] if "options" in named else missing
         if left_out:
@@ -197,10 +197,10 @@ def evaluate(
         changed = [name for name in names if getattr(options, name) != getattr(nominal, name)]
         as_trained = env_id == origin.env and not changed
         hub = options.hub
-        # Episodes of a simulation are played at once, as copies in a batch.
+        # Copies in a batch make a simulation many times as fast.
         side_by_side = is_simulation(env_id) and hub == "virtual" and not options.realtime
-        # One after the other where something may remember or read specs without a batch: a policy
-        # of planned chunks, a transform, an agent of the user's own.
+        # Episodes are played one after the other where something may have a memory, or read specs
+        # without a batch: a policy of planned chunks, a transform, or an agent of the user's own.
         in_chunks = hasattr(algorithm(origin.agent).settings, "chunk")
         in_turn = in_chunks or options.is_transformed or is_reference(origin.agent)
         copies = min(episodes, MAX_COPIES) if side_by_side and not in_turn else 1
@@ -214,7 +214,7 @@ def evaluate(
     else:
         task = interface_of(env).task
         env = with_unit_actions(env)
-        # The task of a file has an id of its own, which says nothing on the file.
+        # A task from a file has an id of its own, which does not name the file.
         as_trained = task is None or is_reference(env_id) or task.id == env_id
     try:
         if on_env is not None:
@@ -281,6 +281,6 @@ def evaluation_options(
             fault=(),
         )
     elif named.get("randomize", False):
-        # Drawn physics take the place of those of a file.
+        # Physics from a file would be overridden by drawn ones, so they are left out.
         nominal = replace(nominal, physics=None)
     return nominal.changed(**named)

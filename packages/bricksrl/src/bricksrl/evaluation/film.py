@@ -37,7 +37,7 @@ BUDGET_S = 15.0
 _FPS = 25
 """Images a second."""
 _LAST_S = 0.8
-"""How long the last image of an episode is shown, so that its numbers can be read."""
+"""Time for which the last image of an episode is shown, so that its numbers can be read."""
 _HOLDS = (1, 2, 3, 4)
 """Numbers of images of the film that one drawn image may stand for."""
 _NORMAL_SPEED_S = 12.0
@@ -78,7 +78,7 @@ def check_run_filmable(run_dir: Path) -> None:
         task = env.task
         body = make_body(task.robot, scene=task.scene)
     if isinstance(body, MujocoBody):
-        # A small image tells as well as a film whether OpenGL works here.
+        # Rendering a small image is the fastest way to find out whether OpenGL works here.
         with Renderer(body, *_TRIAL_PX, Room(body).camera) as renderer:
             renderer.render()
 
@@ -104,7 +104,7 @@ def filmed_env(
     ours = interface_of(env)
     task = env.task
     number = 0
-    # Draws how the episode ended, once its last step is counted.
+    # This draws how the episode ended, once its last step is counted.
     last: list[Callable[[], Image]] = []
     expected_s = task.max_steps / task.rate_hz
     speed = _SPEED if expected_s > _NORMAL_SPEED_S else 1.0
@@ -125,9 +125,9 @@ def filmed_env(
         body = None if connection.twin is None else sound_body(connection.twin.body)
         if connection.twin is None or not isinstance(body, MujocoBody):
             raise TwinError(f"{task.id} has no virtual robot to film; leave out --video")
-        # A goal of zeros, until the reset draws one.
+        # The goal is all zeros until the reset draws one.
         room = Room(body, task.goal([0.0] * len(task.entries)))
-        # At 25 images/s, an image covers 40 ms at speed 1; if it takes too long to draw, each is
+        # At 25 images/s, an image covers 40 ms at speed 1. If drawing takes too long, each image is
         # held for longer.
         limit_s = budget_s * speed / (expected_s * _FPS)
         renderer, cost_s = _renderer(body, room, size, limit_s)
@@ -167,7 +167,7 @@ def filmed_env(
                 for _ in range(hold):
                     video.add(image)
 
-        # The film looks on from between the hub and the body, and is gone with the episode.
+        # The film watches from between the hub and the body, and is removed after the episode.
         renderers.callback(
             setattr,
             machine,
@@ -207,14 +207,14 @@ def _renderer(
             smooth=shadows,
             decorate=room.decorate,
         )
-        # The first image loads textures and compiles shaders, and is not typical.
+        # The first image loads textures and compiles shaders, so it is not typical.
         renderer.render()
         start_s = time.perf_counter()
         renderer.render()
         return renderer, time.perf_counter() - start_s
 
     plain, plain_s = make(shadows=False)
-    # Shadows take twice the time at least: on a slow computer not even the try is worth it.
+    # Shadows take twice the time at least, so on a slow computer not even the try is worth it.
     if 2 * plain_s > limit_s:
         return plain, plain_s
     shaded, shaded_s = make(shadows=True)
@@ -240,7 +240,7 @@ def film_run(
     origin = RunFolder(run_dir).origin()
     with closing(_env_of_run(origin)) as env:
         check_filmable(env)
-        # The first episode of its evaluation, whose return stands in the report.
+        # The report shows the return of the first episode of its evaluation, so that one is filmed.
         seed = evaluation_seed(origin.seed, EVALUATION_SEED)
         policy = named_policies(run_dir, env, seed)[which]()
         with filmed_env(
@@ -277,17 +277,17 @@ def side_by_side(
     import imageio_ffmpeg
 
     fit = f"scale=-2:{height},setsar=1"
-    # Of the shorter film the last image stays until the end of the longer one.
+    # The last image of the shorter film stays until the end of the longer one.
     graph = f"[0:v]{fit}[a];[1:v]{fit}[b];[a][b]hstack=inputs=2"
     command = [imageio_ffmpeg.get_ffmpeg_exe(), "-nostdin", "-y", "-v", "error"]
-    # With `file:` before it, a colon in a name is that of no protocol.
+    # After `file:`, a colon in a name does not mean a protocol.
     command += ["-i", f"file:{left}"]
     command += ["-i", f"file:{right}"]
     command += ["-filter_complex", graph]
-    # What every browser plays: H.264 with subsampled colours, the index before the images.
+    # Every browser plays this: H.264 with subsampled colours, and the index before the images.
     command += ["-c:v", "libx264", "-pix_fmt", "yuv420p", "-crf", "26"]
     command += ["-movflags", "+faststart", f"file:{path}"]
-    # The arguments are our own.
+    # The arguments are our own, and no shell reads them.
     process = subprocess.run(  # noqa: S603
         command,
         capture_output=True,

@@ -37,9 +37,9 @@ MAX_SEEDS = 1000
 """Maximum number of seeds of one command."""
 RETRIES = 3
 """Workers that a function on the cluster may lose, each of which is replaced."""
-# Ray takes a third of the memory otherwise, and messages of runs are small.
+# Ray would otherwise take a third of the memory, and the messages of runs are small.
 _STORE_BYTES = 100_000_000
-# A run is one process with one thread: as many as there are cores, or they wait for one another.
+# A run is one process with one thread, because more threads than cores would wait for one another.
 _ENVIRONMENT = {
     "OMP_NUM_THREADS": "1",
     "MKL_NUM_THREADS": "1",
@@ -100,8 +100,8 @@ def train_seeds(
         train_all = _train_in_processes if on is None else partial(train_on_cluster, address)
         results = train_all(configs, jobs, on_line)
     except BaseException:
-        # An empty folder would be in the way of the next try. It fails if anything was written,
-        # which stays.
+        # An empty folder would be in the way of the next try. This fails if anything was written,
+        # which then stays.
         with contextlib.suppress(OSError):
             folder.rmdir()
         raise
@@ -144,7 +144,7 @@ def train_and_evaluate(
     from bricksrl.training.run import resume, train
 
     try:
-        # On a cluster a run that lost its worker begins here again, with what it had saved.
+        # On a cluster, a run that lost its worker begins here again, with what it had saved.
         if RunFolder(run_dir).checkpoint_path.exists():
             result = resume(run_dir, reporter, stop=stop)
         else:
@@ -181,14 +181,16 @@ def _train_in_processes(
             MKL_NUM_THREADS="1",
         )
         running[number] = process
-        with contextlib.suppress(OSError):  # its end is reported
+        # If the process has ended, its end is reported elsewhere.
+        with contextlib.suppress(OSError):
             process.send("train", (configs[number].to_dict(), configs[number].run_dir))
 
     try:
         while waiting or running:
             while waiting and len(running) < (jobs or os.cpu_count() or 1):
                 start(waiting.popleft())
-            # In pieces, as Windows tells of a Ctrl-C only when a wait is over.
+            # The wait is cut into pieces, because Windows tells of a Ctrl-C only when a wait is
+            # over.
             try:
                 number, message = messages.get(timeout=_POLL_S)
             except Empty:
@@ -198,12 +200,12 @@ def _train_in_processes(
                 on_line(configs[number].seed, message[1])
                 continue
             code = running.pop(number).end(_END_TIMEOUT_S)
-            # What it has said itself tells more than its exit code.
+            # A run's own message tells more than its exit code.
             if code != 0 and not errors[number]:
                 errors[number] = f"its process ended with exit code {code}"
     except BaseException:
-        # All are asked first, and then waited for: they end after their present steps, at once,
-        # and what they saved is kept.
+        # All are asked first and then waited for. They end after their present steps, at the same
+        # time, and what they saved is kept.
         for process in running.values():
             with contextlib.suppress(OSError):
                 process.send(*END)
@@ -221,7 +223,7 @@ def main() -> None:
     stop = threading.Event()
 
     def receive(message: Message | None) -> None:
-        # None is the end of the pipe: the parent is gone.
+        # None is the end of the pipe: the parent is gone, and nobody needs the run.
         if message in (END, None):
             stop.set()
         orders.put(message or END)
@@ -243,7 +245,8 @@ def main() -> None:
             ) is not None:
                 reporter.send({"error": error})
         code = 0
-    except (BrokenPipeError, KeyboardInterrupt):  # the parent is gone, or asked for the end
+    except (BrokenPipeError, KeyboardInterrupt):
+        # The parent is gone or has asked for the end, so there is nobody to tell.
         pass
     except Exception:  # noqa: BLE001  an exit at once would not print it
         traceback.print_exc()
@@ -281,7 +284,8 @@ def connected(address: str | None, cpus: int | None = None) -> Iterator[Any]:
         "logging_level": "ERROR",
     }
     if address is None:
-        # Only for this computer: no dashboard, no address that others could reach.
+        # These options keep Ray to this computer: no dashboard, and no address that others could
+        # reach.
         options |= {
             "num_cpus": cpus or os.cpu_count() or 1,
             "num_gpus": 0,
@@ -358,7 +362,7 @@ def changed_files(folder: Path, known: dict[str, tuple[int, int]]) -> dict[str, 
         if path.name.startswith((TEMPORARY_PREFIX, LOCK)) or not path.is_file():
             continue
         stat = path.stat()
-        # With slashes: the keeper's computer may have another system.
+        # Names get slashes, because the keeper's computer may have another system.
         name = path.relative_to(folder).as_posix()
         version = (stat.st_mtime_ns, stat.st_size)
         if known.get(name) != version:
@@ -396,7 +400,7 @@ def train_on_worker(
             ray.get(keeper.keep.remote(number, changed_files(folder, known), message))
 
         files = ray.get(keeper.files.remote(number))
-        # Without a checkpoint there is nothing to go on from, and the run starts anew.
+        # Without a checkpoint there is nothing to go on from, so the run starts anew.
         if "checkpoint.bin" in files:
             for name, data in files.items():
                 (folder / name).parent.mkdir(parents=True, exist_ok=True)
@@ -430,7 +434,7 @@ def train_on_cluster(
         errors: list[str | None] = [None] * len(configs)
         while waiting:
             done, _ = ray.wait(list(waiting), timeout=_POLL_S)
-            # Before the runs that are done leave the table, as theirs are among them.
+            # Messages are read before finished runs leave the table, because some are from those.
             for number, message in ray.get(keeper.messages.remote()):
                 on_line(configs[number].seed, message)
             for job in done:
@@ -438,7 +442,8 @@ def train_on_cluster(
                 try:
                     errors[number] = ray.get(job)
                 except ray.exceptions.RayTaskError as error:
-                    # An error of the run, such as of a full disk, whose last line says which.
+                    # This is an error of the run, such as a full disk, and its last line says
+                    # which.
                     errors[number] = str(error).strip().splitlines()[-1]
                 except ray.exceptions.RayError as error:
                     errors[number] = (

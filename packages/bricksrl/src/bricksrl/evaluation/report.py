@@ -97,7 +97,7 @@ def write_report(
         reason = str(error)
     folder = RunFolder(run_dir)
     name = folder.read_config().name
-    # No format of all systems has a day without a leading zero.
+    # No format code that all systems have gives a day without a leading zero.
     date = f"{datetime.now().astimezone():%d %B %Y}".lstrip("0")
     body = [
         f"<h1>{html.escape(result.env)}: what the robot has learned</h1>",
@@ -116,7 +116,8 @@ def write_report(
     ]
     path = run_dir / "report.html"
     text = report_page(f"{result.env}: report", "\n".join(body))
-    # As the system has them: a folder's name may be no text in the locale of this computer.
+    # Names are written as the system has them, because a folder's name may be no valid text in this
+    # computer's locale.
     write_durably(path, text.encode(errors="surrogateescape"))
     return path, str(films.both) if films is not None else f"none: {reason}"
 
@@ -176,10 +177,11 @@ def _film(films: Films | None, no_films: str) -> Iterable[str]:
     if films is None:
         yield f"<p>There is no film: {html.escape(no_films)}</p>"
         return
-    # A page that can be mailed has its film in it; a great one would keep browsers from opening it.
+    # A page that can be mailed contains its film, but a large film would keep browsers from opening
+    # it.
     is_small = films.both.stat().st_size <= MOST_EMBEDDED_BYTES
     source = _data_url(films.both, "video/mp4") if is_small else html.escape(films.both.name)
-    # Without sound, or no browser would begin by itself.
+    # No browser starts a film by itself unless it is muted.
     yield f'<video src="{source}" controls autoplay loop muted playsinline></video>'
     names = [path.name for path in (films.before.path, films.after.path, films.both)]
     links = ", ".join(f'<a href="{name}">{name}</a>' for name in names)
@@ -248,7 +250,7 @@ def _commands(
 ) -> str:
     run = quoted(run_dir)
     env = quoted(origin.env)
-    # What has learned from data alone goes on with a robot, from what it has learned.
+    # The advice for a run that has learned from data alone is to go on with a robot.
     if origin.is_offline:
         longer = f"bricksrl train {env} --demonstrations {run}"
     else:

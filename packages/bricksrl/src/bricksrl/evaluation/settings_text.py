@@ -17,7 +17,7 @@ from bricksrl.training.trust import require_trusted
 
 S = TypeVar("S")
 SETTINGS_REMEDY = 'write settings as JSON, {"learning_rate": 3e-4}'
-"""What to do where a file of settings cannot be read."""
+"""Remedy for a file of settings that cannot be read."""
 _WORDS = {"true": True, "yes": True, "false": False, "no": False, "none": None}
 
 
@@ -74,17 +74,17 @@ def _changed(settings: S, values: Mapping[str, Any]) -> S:
 def _read(value: Any, type_: Any) -> Any:
     """A value, or the one that a text means, of an annotated type as far as it fits."""
     types = (type_, *typing.get_args(type_))
-    # A text stays one where the setting may be a text, or is one of its literals.
+    # A text stays a text where the setting may be one, or where it is one of its literals.
     is_wanted = str in types or value in types
     if isinstance(value, str) and not is_wanted:
-        # Python's own notation, so that --set takes what --help shows.
+        # Python's own notation is accepted, so that --set takes what --help shows.
         try:
             value = ast.literal_eval(value or "()")
         except (ValueError, SyntaxError, MemoryError, RecursionError):
             value = _WORDS.get(value.lower(), value)
     if typing.get_origin(type_) is tuple and not isinstance(value, str):
         return tuple(value) if isinstance(value, list | tuple) else (value,)
-    # JSON and Python write 1 for 1.0; a checkpoint tells them apart.
+    # JSON and Python write 1 for 1.0, but a checkpoint tells them apart.
     if type(value) is int and float in types:
         return float(value)
     if type_ is bool and value in (0, 1):

@@ -80,7 +80,8 @@ def seeds_interval(
 ) -> Interval | None:
     """95 % bootstrap interval of a statistic of one score per seed or episode; ``None`` for fewer
     than `FEWEST_SEEDS`."""
-    # An interval of fewer would look more certain than it is: few resamples of three differ.
+    # Three scores have few different resamples, so an interval of so few would look more certain
+    # than it is.
     if len(scores) < FEWEST_SEEDS:
         return None
     return stratified_bootstrap_interval([scores], statistic)

@@ -104,8 +104,8 @@ class Best:
 
 
 OnTrial = Callable[[int, float | None, float | None], None]
-"""Called with a trial's number, its value (``None`` if it was pruned), and the best value so
-far."""
+"""A function that is called with a trial's number, its value (``None`` if it was pruned), and the
+best value so far."""
 
 
 def propose(
@@ -145,7 +145,8 @@ def _space(start: Any, *, goals: bool) -> _Space:
     hints = typing.get_type_hints(type(start), include_extras=True)
     for name, value in vars(start).items():
         if name not in _SPACE and isinstance(value, float):
-            # A decade to both sides; around 0, which has none, what most factors are.
+            # The range is a decade to both sides, because good values differ by factors. A value of
+            # 0 has no decade, so its range is what most factors are.
             low, high = sorted((value / 10.0, value * 10.0)) if value else (0.0, 1.0)
             for limits in getattr(hints.get(name), "__metadata__", ()):
                 if isinstance(limits, Range):
@@ -183,7 +184,7 @@ def tune(
         parse_on(on)
     start = settings_for(tuning.env, "default", tuning.agent)
     goals = any(entry.name.endswith("_goal") for entry in get_task(tuning.env).entries)
-    # A failed trial raises, which is one message, and enough.
+    # A failed trial raises an error, and that one message is enough.
     optuna.logging.set_verbosity(logging.ERROR)
     with closing(make(tuning.env)) as env:
         learner = make_learner(tuning.agent, env)
@@ -194,7 +195,7 @@ def tune(
         )
     name = f"{tuning.env} {tuning.agent}"
     storage = f"sqlite:///{(folder / STUDY).absolute()}"
-    # Several commands may begin the same study at once: one of them makes it.
+    # Several commands may begin the same study at once, but only one may make it.
     with _storage(folder / STUDY), serialized(folder):
         for other in set(optuna.get_all_study_names(storage)) - {name}:
             raise RunError(f"{folder} holds a study of {other}; choose another folder")
@@ -212,11 +213,11 @@ def tune(
             values = ", ".join(f"{name} {known.get(name)}" for name in others)
             raise RunError(f"{folder} holds a study of {values}; give the same, or another folder")
         study.set_user_attr("tuning", about)
-        # A command that goes on proposes others than the one before did.
+        # A command that goes on proposes other values than the one before did.
         sampler_seed = (seed + len(study.trials)) % (LARGEST_SEED + 1)
         study.sampler = optuna.samplers.TPESampler(seed=sampler_seed)
         if not study.trials:
-            # The defaults are the first trial, so that the best is never worse than they are.
+            # The defaults are the first trial, so that the best one is never worse than they are.
             study.enqueue_trial(_as_proposed(start, goals=goals))
 
     def objective(trial: optuna.Trial) -> float:
@@ -225,7 +226,7 @@ def tune(
         values: list[float] = []
         found: Iterable[float]
         if ray is None:
-            # One by one, so that the further seeds of a hopeless trial are left out.
+            # Seeds are trained one by one, so that those of a hopeless trial are left out.
             found = starmap(_train_and_evaluate, orders)
         else:
             found = list(map_on_cluster(ray, _train_and_evaluate, orders))
@@ -315,10 +316,11 @@ def _train_and_evaluate(
         try:
             result = train(config, StopAtSteps(), stop=stop)
             is_complete = result.episodes and result.episodes[-1].steps >= tuning.steps
-            # Our own stop at the last step looks like a user's, which ends the study.
+            # Our own stop at the last step looks like a user's stop, which would end the study.
             if result.interrupted and not is_complete:
                 raise KeyboardInterrupt
-            # Not the episodes of the final evaluation: what chooses must not also judge.
+            # The episodes of the final evaluation are not used, because what chooses must not also
+            # judge.
             found = evaluate(
                 run_dir,
                 episodes=tuning.episodes,

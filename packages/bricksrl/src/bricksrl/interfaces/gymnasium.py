@@ -107,13 +107,15 @@ class GymnasiumEnv(gymnasium.Env[Observation, Array]):
         self.env: HubEnv | SimulatedEnv = _made(env_id, options, **named)
         self.max_episode_steps = _limit(max_episode_steps, self.env.task)
         self._remove_inner_limit()
-        self._hint = ""  # about episodes that Gymnasium ends earlier than the options say
+        # The hint is about episodes that Gymnasium ends earlier than the options say.
+        self._hint = ""
         self._spec: EnvSpec | None = None
         fps = max(1, round(self.env.task.rate_hz))
         self.metadata = {**self.metadata, "render_fps": fps}
         self.render_mode = render_mode
         self._observations: list[torch.Tensor] = []
-        self._info: dict[str, Any] = {}  # of the last step
+        # The info of the last step is kept for a step without an outcome.
+        self._info: dict[str, Any] = {}
         self._ended = False
         self._renderer: Renderer | None = None
         vector = _box(self.env.task)
@@ -143,7 +145,7 @@ class GymnasiumEnv(gymnasium.Env[Observation, Array]):
         self._hint = ""
         if registered is not None:
             self._hint = _longer(self.max_episode_steps, registered.max_episode_steps)
-        # Its wrapper counts the steps from here on.
+        # The wrapper counts the steps from here on.
         self.max_episode_steps = None
 
     def reset(
@@ -157,11 +159,12 @@ class GymnasiumEnv(gymnasium.Env[Observation, Array]):
         super().reset(seed=seed)
         if seed is not None:
             self.env.set_seed(seed)
-            self._close_renderer()  # its virtual robot is replaced by the new seed
+            # The new seed makes another virtual robot, which the present renderer does not show.
+            self._close_renderer()
         self._observations = []
         self._info = {}
         self._ended = False
-        # No info: nothing has happened that could be judged.
+        # There is no info, because nothing has happened yet that could be judged.
         return self._observation(self.env.reset()), {}
 
     def step(self, action: Array) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
@@ -174,7 +177,7 @@ class GymnasiumEnv(gymnasium.Env[Observation, Array]):
         sent = TensorDict({"action": torch.tensor(action, dtype=torch.float32)}, batch_size=())
         result = self.env.step(sent)["next"]
         if link_lost(sent.set("next", result)):
-            # The step has no outcome: the metrics stay those of the step before.
+            # The step has no outcome, so the metrics stay those of the step before.
             self._ended = True
             info = self._info | self._successes(False) | {"link_lost": True}
             return self._observation(result), 0.0, False, True, info
@@ -184,7 +187,7 @@ class GymnasiumEnv(gymnasium.Env[Observation, Array]):
         terminated = bool(result["terminated"])
         truncated = is_over or bool(result["truncated"])
         self._ended = terminated or truncated
-        # Judged after each step, as whoever ends an episode does not tell it.
+        # Episodes are judged after each step, because whoever ends one does not say so.
         episode = self.env.task_observations(torch.stack(self._observations))
         metrics = metrics_of(self.env.task, episode)
         is_success = success_of(self.env.task, episode)
@@ -202,7 +205,7 @@ class GymnasiumEnv(gymnasium.Env[Observation, Array]):
             from bricktwin.twin.mujoco_body import MujocoBody
             from bricktwin.twin.render.opengl import Renderer
 
-            # Faults are of the robot's devices; the body that is drawn is behind them.
+            # Faults belong to the robot's devices, and the body that is drawn is behind them.
             body = None if self.env.twin is None else sound_body(self.env.twin.body)
             if not isinstance(body, MujocoBody):
                 raise RenderingUnavailableError(
@@ -248,7 +251,7 @@ class GymnasiumEnv(gymnasium.Env[Observation, Array]):
         registered = gymnasium.registry.get(self._spec.id)
         if registered is None:
             return
-        # The wrapper ends an episode without telling: its number of steps is the sign.
+        # The wrapper ends an episode without saying so, but the number of steps shows it.
         if len(self._observations) == registered.max_episode_steps:
             _log.warning("%s: %s", self.env.task.id, self._hint)
             self._hint = ""
@@ -313,7 +316,8 @@ class GymnasiumVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
         task = self.env.task
         self.num_envs = num_envs
         self._max_steps = _limit(max_episode_steps, task)
-        if max_episode_steps is not None:  # by make_vec, from the registry or from the user
+        # make_vec passes the limit on, from the registry or from the user.
+        if max_episode_steps is not None:
             _refuse_max_steps(named)
             registered = gymnasium.registry.get(f"bricksrl/{env_id}")
             by_default = None if registered is None else registered.max_episode_steps
@@ -325,7 +329,7 @@ class GymnasiumVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
         self.single_action_space = Box(-1.0, 1.0, self.env.action_spec.shape[1:])
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
-        # Whole episodes are kept, as success and metrics judge them at their end.
+        # Whole episodes are kept, because success and metrics are judged at their end.
         self._episodes = torch.zeros(num_envs, task.max_steps, len(task.entries))
         self._copies = torch.arange(num_envs)
         self._steps = torch.zeros_like(self._copies)
@@ -377,7 +381,7 @@ class GymnasiumVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
         )
         sent = TensorDict({"action": batch}, self.env.batch_size, device=self.env.device)
         result = self.env.step(sent)["next"]
-        # A copy that starts in this step has ignored its action: it is paid nothing, and goes on.
+        # A copy that starts in this step has ignored its action, so it gets no reward and goes on.
         reward, terminated, truncated = (
             result[name].squeeze(-1).cpu().masked_fill(starts, 0)
             for name in ("reward", "terminated", "truncated")
@@ -387,15 +391,16 @@ class GymnasiumVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
         else:
             observation = result["observation"].cpu().numpy().copy()
         self._store(torch.from_numpy(observation))
-        self._steps += ~starts  # the first step overwrites the start
-        # The simulation inside has no limit: see `_ENDLESS`.
+        # In a copy that starts, the first step overwrites the start.
+        self._steps += ~starts
+        # The simulation inside has no limit (see `_ENDLESS`), so it is applied here.
         if self._max_steps is not None:
             truncated |= self._steps >= self._max_steps
         self._ended = terminated | truncated
         info = self._info()
         if self.autoreset_mode is AutoresetMode.SAME_STEP and self._ended.any():
             ended = self._ended.numpy()
-            # as in Gymnasium: None for the others
+            # As in Gymnasium, copies that go on have None here.
             final = np.full(self.num_envs, None, dtype=object)
             for copy in ended.nonzero()[0]:
                 final[copy] = observation[copy]
@@ -431,7 +436,7 @@ class GymnasiumVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
         """Metrics and success of the episodes that just ended, each with a mask of their copies, as
         in Gymnasium."""
         info: dict[str, Any] = {}
-        # Episodes of one length are judged in one batch.
+        # Judging is a function of batches, so episodes of the same length go in one.
         for steps in self._steps[self._ended].unique().tolist():
             is_of_length = self._ended & (self._steps == steps)
             copies = is_of_length.nonzero().squeeze(-1)
@@ -474,8 +479,8 @@ def _refuse_max_steps(named: dict[str, Any]) -> None:
 
 
 def _longer(steps: int | None, registered: int | None) -> str:
-    """What to do where an option makes episodes longer than Gymnasium lets them be; empty where it
-    does not."""
+    """Remedy for an option that makes episodes longer than Gymnasium lets them be; empty if it does
+    not."""
     if steps is None or registered is None or steps <= registered:
         return ""
     return (
@@ -491,7 +496,7 @@ def _made(
     **named: Any,
 ) -> Any:
     env = make(env_id, options, **named)
-    # TorchRL's transforms stand around the environment, and Gymnasium's users would not see them.
+    # TorchRL's transforms stand around the environment, where Gymnasium's users would not see them.
     if interface_of(env) is not env:
         raise UnknownOptionError(
             "Gymnasium has wrappers of its own; omit frame_stack, frame_skip and transform"
@@ -585,7 +590,8 @@ class _Goals:
     ) -> torch.Tensor:
         achieved = torch.as_tensor(np.asarray(achieved_goal, np.float32))
         desired = torch.as_tensor(np.asarray(desired_goal, np.float32))
-        # The other entries stay 0: rewards of goals depend on goals and reached entries alone.
+        # The other entries stay 0, because rewards of goals depend only on goals and reached
+        # entries.
         state = torch.zeros(*achieved.shape[:-1], self._size)
         state[..., self._parts["achieved_goal"]] = achieved
         state[..., self._parts["desired_goal"]] = desired

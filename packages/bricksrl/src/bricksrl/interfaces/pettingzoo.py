@@ -58,7 +58,7 @@ class ArenaParallelEnv(ParallelEnv):  # type: ignore[misc]
             )
         self._env: ArenaEnv = make_arena(env, **named)
         task = self._env.task
-        # Steps without a fixed time are shown once a second.
+        # Steps without a fixed time are shown one a second.
         step_ms = task.interfaces[0].settle.fixed_ms or 1000.0
         fps = max(1, round(1000.0 / step_ms))
         self.metadata = {
@@ -96,7 +96,8 @@ class ArenaParallelEnv(ParallelEnv):  # type: ignore[misc]
         """Start an episode, reproducibly with a seed."""
         if seed is not None:
             self._env.set_seed(seed)
-            self._close_renderer()  # the new seed has a world of its own
+            # The new seed makes another world, which the present renderer does not show.
+            self._close_renderer()
             self.np_random, _ = np_random(seed)
         self._state = self._env.reset()
         self.agents = list(self.possible_agents)
@@ -125,13 +126,13 @@ class ArenaParallelEnv(ParallelEnv):  # type: ignore[misc]
             group_actions = np.stack([actions[name] for name in names])
             self._state[group, "action"] = torch.tensor(group_actions, dtype=torch.float32)
         out = self._env.step(TensorDict(self._state))["next"]
-        # The ends belong to the step, not to the state of the next one.
+        # The ends belong to this step, and not to the state of the next one.
         self._state = out.exclude("terminated", "truncated", "done")
         is_success = bool(out["success"])
         info = {
             "link_lost": bool(out["link_lost"]),
             "success": is_success,
-            # as Stable-Baselines3 and Gymnasium-Robotics call it
+            # The name is the one that Stable-Baselines3 and Gymnasium-Robotics look for.
             "is_success": is_success,
         }
         observations = self._per_robot(out, "observation")
@@ -140,15 +141,15 @@ class ArenaParallelEnv(ParallelEnv):  # type: ignore[misc]
             rewards[name] = float(reward[0])
         terminated = dict.fromkeys(self.agents, bool(out["terminated"]))
         truncated = dict.fromkeys(self.agents, bool(out["truncated"]))
-        # A wrapper may write into the info of one robot.
+        # Each robot has its own info, because a wrapper may write into it.
         infos: dict[str, dict[str, Any]] = {name: dict(info) for name in self.agents}
         if bool(out["done"]):
-            # PettingZoo's sign that the episode has ended for all.
+            # An empty list is PettingZoo's sign that the episode has ended for all.
             self.agents = []
         return observations, rewards, terminated, truncated, infos
 
     def state(self) -> Array:
-        """What all robots observe, in the order of `possible_agents`, for critics that see
+        """Observations of all robots, in the order of `possible_agents`, for critics that see
         everything. Raises RunError before the first episode."""
         if self._state is None:
             raise RunError(
@@ -167,9 +168,9 @@ class ArenaParallelEnv(ParallelEnv):  # type: ignore[misc]
         for group, names in task.groups.items():
             parts = tensordict[group, name].unbind(0)
             for robot, value in zip(names, parts, strict=True):
-                # A copy: the next step may write into the tensor.
+                # The values are copied, because the next step may write into the tensor.
                 values[robot] = value.numpy().copy()
-        # In the order of the agents, not of the groups.
+        # The order is that of the agents and not that of the groups.
         return {robot: values[robot] for robot in task.robots}
 
     def render(self) -> NDArray[np.uint8] | None:
@@ -180,7 +181,7 @@ class ArenaParallelEnv(ParallelEnv):  # type: ignore[misc]
         if self._renderer is None:
             from bricktwin.twin.render.opengl import Renderer
 
-            # All bodies are in one world: that of the first robot shows the others too.
+            # All bodies are in one world, so that of the first robot shows the others too.
             body = self._env.world.bodies[0]
             self._renderer = Renderer(body, *_SIZE_PX, "arena")
         return self._renderer.render()

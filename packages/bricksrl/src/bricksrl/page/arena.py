@@ -13,11 +13,11 @@ from bricksrl.envs.arenas.arena_task import ArenaTask
 from bricksrl.envs.env_interface import interface_of
 from bricksrl.page.live import LivePage, PageDriver
 from bricksrl.page.play import Steps, play_endlessly
-from bricksrl.page.robot_view import Mirror
-from bricksrl.page.scene import View
 from bricksrl.page.server import PageOptions
 from bricksrl.page.visitors import Visitor
 from bricktwin.twin.arena import ArenaWorld
+from bricktwin.view.drawing import View
+from bricktwin.view.mirror import Mirror
 
 _FOR_ALL = ("pause", "resume", "step", "reset", "speed")
 """Presses that change the play of all robots; while somebody drives, only who drives may."""

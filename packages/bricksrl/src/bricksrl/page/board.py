@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bricksrl.page.scene import Floats, Scene
+from bricktwin.view.drawing import Drawing, Floats
 
 MAX_STEPS = 400
 """Maximum number of values of steps that are kept, for browsers that connect later."""
@@ -66,23 +66,23 @@ class Board:
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
-        self.scene: tuple[int, Scene | None] = (0, None)
+        self.drawing: tuple[int, Drawing | None] = (0, None)
         self.poses: tuple[int, Poses | None] = (0, None)
         self.image: tuple[int, NDArray[np.uint8] | None] = (0, None)
         self.status: tuple[int, dict[str, Any]] = (0, {})
         self.series: dict[str, Series] = {}
 
-    def show_scene(
+    def show_drawing(
         self,
-        scene: Scene,
+        drawing: Drawing,
         poses: Poses,
     ) -> None:
-        """Show another scene, with its bodies in these poses."""
-        self.scene = (self.scene[0] + 1, scene)
+        """Show another drawing, with its bodies in these poses."""
+        self.drawing = (self.drawing[0] + 1, drawing)
         self.show_poses(poses)
 
     def show_poses(self, poses: Poses) -> None:
-        """Move the bodies of the scene."""
+        """Move the bodies of the drawing."""
         self.poses = (self.poses[0] + 1, poses)
 
     def show_image(self, image: NDArray[np.uint8]) -> None:
@@ -116,7 +116,7 @@ class BoardReader:
 
     def __init__(self, board: Board) -> None:
         self._board = board
-        self._scene = self._poses = self._image = self._status = -1
+        self._drawing = self._poses = self._image = self._status = -1
         self._series: dict[str, tuple[int, int]] = {}
 
     def changes(self, *, numbers: bool) -> list[bytes | dict[str, Any]]:
@@ -124,12 +124,12 @@ class BoardReader:
         status and series."""
         board = self._board
         messages = list[bytes | dict[str, Any]]()
-        version, _ = board.scene
-        if version != self._scene and version:
-            self._scene = version
-            # Poses belong to a scene: those of the new one follow it at once.
+        version, _ = board.drawing
+        if version != self._drawing and version:
+            self._drawing = version
+            # Poses belong to a drawing: those of the new one follow it at once.
             self._poses = -1
-            messages.append({"scene": version})
+            messages.append({"drawing": version})
         version, poses = board.poses
         if poses is not None and version != self._poses:
             self._poses = version

@@ -10,7 +10,6 @@ import numpy as np
 
 from bricksrl.errors import PlanError
 from bricksrl.page.board import Board
-from bricksrl.page.scene import HIDDEN, Floats, Mesh, Scene, SceneBody, Shape, View, mesh_of, poses
 from bricksrl.page.server import PageOptions, PageServer, is_finite
 from bricksrl.page.visitors import Visitor
 from bricktwin.plans.catalogue import colour_of
@@ -23,6 +22,17 @@ from bricktwin.plans.part import Part
 from bricktwin.plans.plan import Plan
 from bricktwin.plans.planned_robot import PlannedRobot, planned
 from bricktwin.twin.linkage import Linkage
+from bricktwin.view.drawing import (
+    HIDDEN,
+    Drawing,
+    DrawnBody,
+    Floats,
+    Mesh,
+    Shape,
+    View,
+    mesh_of,
+    poses,
+)
 
 _MAX_DEG = 360
 
@@ -66,7 +76,7 @@ class PlanView(PageServer):
             message = f"{error}. The joints are not shown."
         self._step = len(self._steps)
         self._angles = dict[str, float]()
-        self.board.show_scene(_scene(plan), self._poses())
+        self.board.show_drawing(_drawing(plan), self._poses())
         self.board.update_status(
             title=plan.title,
             subtitle="building plan",
@@ -164,8 +174,8 @@ def _sliders(robot: PlannedRobot, linkage: Linkage) -> dict[str, str]:
     return sliders
 
 
-def _scene(plan: Plan) -> Scene:
-    """Scene with a body for each part, with the part's origin."""
+def _drawing(plan: Plan) -> Drawing:
+    """Drawing with a body for each part, with the part's origin."""
     pieces: dict[Part, dict[Tint, Mesh]] = {}
     bodies = []
     corners = []
@@ -184,7 +194,7 @@ def _scene(plan: Plan) -> Scene:
         for tint, mesh in pieces[part].items():
             # A tint is a colour of its own, such as of a motor's shaft, or else the part's.
             shapes.append(Shape(mesh, (*TINTS.get(tint, main), 1.0)))
-        bodies.append(SceneBody(f"{placed.index}", tuple(shapes)))
+        bodies.append(DrawnBody(f"{placed.index}", tuple(shapes)))
         for corner in part.bounds:
             (placed_corner,) = placed.to_plan(np.array([corner]))
             corners.append(TO_TWIN @ placed_corner)
@@ -199,4 +209,4 @@ def _scene(plan: Plan) -> Scene:
         distance_m=1.8 * size,
         yaw_deg=35.0,
     )
-    return Scene(tuple(bodies), floor_m=float(lowest[2]), view=view)
+    return Drawing(tuple(bodies), floor_m=float(lowest[2]), view=view)

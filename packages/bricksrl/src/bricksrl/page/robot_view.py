@@ -11,12 +11,7 @@ import math
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any
-
-import mujoco
-import numpy as np
-from numpy.typing import NDArray
 
 from brickhub.robot import Robot
 from brickhub.virtual.body import Body
@@ -26,31 +21,18 @@ from brickhub.virtual.panel import Panel
 from bricksrl.errors import BricksError
 from bricksrl.page.board import Board
 from bricksrl.page.hand import Hand
-from bricksrl.page.scene import (
-    HIDDEN,
-    Floats,
-    Mesh,
-    Scene,
-    SceneBody,
-    Shape,
-    View,
-    box,
-    mesh_of,
-    poses,
-)
-from bricktwin.plans.drawing import shapes
-from bricktwin.twin.linkage import pose_at, sensed_qpos
+from bricktwin.twin.linkage import sensed_qpos
 from bricktwin.twin.make_body import lies_on_bench
-from bricktwin.twin.models.mjcf import SHAPE_GROUP, overview_of
+from bricktwin.twin.models.mjcf import overview_of
 from bricktwin.twin.mujoco_body import MujocoBody
 from bricktwin.twin.physics import Physics
-from bricktwin.twin.scene import Goal
-from bricktwin.twin.scene import Scene as Surroundings
+from bricktwin.twin.scene import Goal, Scene
+from bricktwin.view.drawing import Floats, View
+from bricktwin.view.mirror import Mirror
 
 if TYPE_CHECKING:
     from bricksrl.envs.connection import Connection
 
-Floats64 = NDArray[np.float64]
 SPEEDS = {"1x": 1.0, "10x": 10.0, "max": 0.0}
 """Speeds of simulated time; 0 is as fast as possible."""
 VIEW_PERIOD_S = 0.04
@@ -62,28 +44,8 @@ _MAX_LAG_S = 0.05
 _MIN_LEAD_S = 0.01
 """Least lead for which it waits, as a system's sleep is no shorter."""
 _NO_MODEL = "This robot has no model to draw; its numbers are below."
-_GEOM = mujoco.mjtGeom
 _GOAL_RATIO = 1.3
 """Width over height of the starts and a goal on the floor, as they are seen at once."""
-_GHOST = (0.10, 0.62, 0.25, 0.45)
-_ARC = 6  # segments of a quarter of a circle
-_SPHERE = shapes.box(2.0, 2.0, 2.0, 1.0, _ARC)
-PRIMITIVES: dict[int, Callable[[float, float, float], Mesh]] = {
-    _GEOM.mjGEOM_BOX: lambda x, y, z: box((x, y, z)),
-    _GEOM.mjGEOM_SPHERE: lambda x, _y, _z: mesh_of(_SPHERE, x),
-    _GEOM.mjGEOM_ELLIPSOID: lambda x, y, z: mesh_of(_SPHERE, (x, y, z)),
-    _GEOM.mjGEOM_CAPSULE: lambda x, y, _z: mesh_of(
-        shapes.box(
-            2 * x,
-            2 * x,
-            2 * (x + y),
-            x,
-            _ARC,
-        )
-    ),
-    _GEOM.mjGEOM_CYLINDER: lambda x, y, _z: mesh_of(shapes.cylinder(1000 * x, 2000 * y), 0.001),
-}
-"""Meshes of MuJoCo's geometry by kind, from its size."""
 
 
 class SteeredPace(Pace):
@@ -151,139 +113,6 @@ class SteeredPace(Pace):
             self._halted.wait(ahead_s)
 
 
-def twin_scene(body: MujocoBody) -> tuple[Scene, list[int]]:
-    """Scene of all visible geometry of a twin and its surroundings, except the floor, and the
-    model's number of each body."""
-    model = body.model
-    shapes_of: dict[int, list[Shape]] = {}
-    meshes: dict[int, Mesh] = {}
-    for geom in range(model.ngeom):
-        kind = int(model.geom_type[geom])
-        # Shapes that are for contacts alone are hidden behind what is drawn.
-        is_drawn = kind in PRIMITIVES or kind == _GEOM.mjGEOM_MESH
-        if model.geom_group[geom] == SHAPE_GROUP or not is_drawn:
-            continue
-        number = int(model.geom_dataid[geom])
-        if kind == _GEOM.mjGEOM_MESH and number not in meshes:
-            meshes[number] = _triangles(model, number)
-        if kind == _GEOM.mjGEOM_MESH:
-            mesh = meshes[number]
-        else:
-            mesh = PRIMITIVES[kind](*model.geom_size[geom].tolist())
-        material = int(model.geom_matid[geom])
-        # Without a material MuJoCo writes -1, and the geom has the colour itself.
-        color = model.geom_rgba[geom] if material < 0 else model.mat_rgba[material]
-        red, green, blue, opacity = color.tolist()
-        px, py, pz = model.geom_pos[geom].tolist()
-        w, qx, qy, qz = model.geom_quat[geom].tolist()
-        pattern = "bricks" if model.geom(geom).name == "wall" else ""
-        shape = Shape(
-            mesh,
-            (red, green, blue, opacity),
-            (px, py, pz),
-            (w, qx, qy, qz),
-            pattern,
-        )
-        shapes_of.setdefault(int(model.geom_bodyid[geom]), []).append(shape)
-    numbers = sorted(shapes_of)
-    view = View(
-        target=(0.06, 0.0, 0.13),
-        distance_m=0.8,
-        yaw_deg=-50.0,
-    )
-    # A robot with a free joint moves about, and the camera with it.
-    if model.njnt and model.jnt_type[0] == mujoco.mjtJoint.mjJNT_FREE:
-        chassis = int(model.jnt_bodyid[0])
-        view = View(follow=numbers.index(chassis) if chassis in numbers else None)
-    bodies = [SceneBody(model.body(number).name, tuple(shapes_of[number])) for number in numbers]
-    return Scene(tuple(bodies), view=view), numbers
-
-
-def _triangles(model: mujoco.MjModel, mesh: int) -> Mesh:
-    """A mesh of the model; a point is repeated for each of its normals, so that sharp edges stay
-    sharp."""
-    first = int(model.mesh_faceadr[mesh])
-    faces = slice(first, first + int(model.mesh_facenum[mesh]))
-    # A corner is a point and a normal, by their numbers in the mesh: [3 * faces, 2].
-    point_numbers = model.mesh_face[faces].ravel()
-    normal_numbers = model.mesh_facenormal[faces].ravel()
-    corners = np.stack([point_numbers, normal_numbers], axis=1)
-    corners, index = np.unique(corners, axis=0, return_inverse=True)
-    points = model.mesh_vert[int(model.mesh_vertadr[mesh]) + corners[:, 0]]
-    normals = model.mesh_normal[int(model.mesh_normaladr[mesh]) + corners[:, 1]]
-    return Mesh(points.astype(np.float32), normals.astype(np.float32), index.reshape(-1, 3))
-
-
-class Mirror:
-    """Model of a robot with a MuJoCo model, for drawing only: its joints are set, not simulated.
-    The scene's last bodies are those of a ghost of the robot, at its goal.
-
-    Args:
-        body: the model, for this alone.
-        view: the first view; by default that of the robot.
-    """
-
-    def __init__(
-        self,
-        body: MujocoBody,
-        view: View | None = None,
-    ) -> None:
-        self.body = body
-        scene, self.numbers = twin_scene(self.body)
-        roots = self.body.model.body_rootid
-        welds = self.body.model.body_weldid
-        root = roots[self.body.chassis]
-        ghosts = []
-        self._ghost_numbers = []
-        for number, drawn in zip(self.numbers, scene.bodies, strict=True):
-            # What is welded to the world, such as a table, stands in no other place.
-            is_moving = welds[number] != 0
-            if is_moving and roots[number] == root:
-                faded = tuple(replace(shape, colour=_GHOST) for shape in drawn.shapes)
-                ghosts.append(SceneBody(f"goal {drawn.name}", faded))
-                self._ghost_numbers.append(number)
-        self.scene = replace(scene, bodies=(*scene.bodies, *ghosts), view=view or scene.view)
-        self._ghost: MujocoBody | None = None
-        self._goal: Goal | None = None
-        self._ghost_poses = self._hidden = poses([(HIDDEN, 0.0, 0.0)] * len(ghosts))
-
-    def poses(
-        self,
-        qpos: Floats64,
-        goal: Goal | None = None,
-        moved_m: Floats64 | None = None,
-    ) -> Floats:
-        """Poses ``[bodies, 7]`` of the scene's bodies at these joint positions, and places ``[n,
-        3]`` of what a hand moves; without a goal the ghost is hidden."""
-        data = self.body.data
-        data.qpos[:] = qpos
-        if moved_m is not None:
-            data.mocap_pos[:] = moved_m
-        self.body.update_visuals()
-        shown = poses(data.xpos[self.numbers], data.xquat[self.numbers])
-        return np.concatenate([shown, self._poses_at(goal)])
-
-    def _poses_at(self, goal: Goal | None) -> Floats:
-        if goal is None:
-            return self._hidden
-        # A pose is searched for, which takes a while: once for each goal.
-        if goal != self._goal:
-            self._goal = goal
-            if self._ghost is None:
-                self._ghost = MujocoBody(
-                    self.body.robot,
-                    self.body.scene,
-                    Physics(),
-                    0,
-                )
-            pose_at(self._ghost, goal)
-            data = self._ghost.data
-            self._ghost_poses = poses(
-                data.xpos[self._ghost_numbers], data.xquat[self._ghost_numbers]
-            )
-        return self._ghost_poses
-
-
 class RobotView:
     """View of the present robot on a board.
 
@@ -306,7 +135,7 @@ class RobotView:
         self._board = board
         self._halted = halted
         self._speed = speed
-        self._mirrors: dict[tuple[str, Surroundings], Mirror] = {}
+        self._mirrors: dict[tuple[str, Scene], Mirror] = {}
         self._current: Mirror | None = None
         self._due_s = self._sensed_s = 0.0
         self.connection: Connection | None = None
@@ -370,7 +199,7 @@ class RobotView:
     def show_sensed(
         self,
         robot: Robot,
-        scene: Surroundings,
+        scene: Scene,
         angles_deg: dict[str, float],
         tilt_deg: tuple[float, float],
     ) -> None:
@@ -421,20 +250,20 @@ class RobotView:
     def _mirror(
         self,
         robot: Robot,
-        surroundings: Surroundings,
+        scene: Scene,
     ) -> Mirror:
         """The mirror of a robot, cached."""
-        key = (robot.name, surroundings)
+        key = (robot.name, scene)
         if key not in self._mirrors:
             view = None
             # A goal on the floor and the starts are to be seen at once.
             if self.goal is not None and self.goal.at_mm is not None:
-                target, distance_m = overview_of(surroundings)
+                target, distance_m = overview_of(scene)
                 view = View(target, 0.85 * distance_m, ratio=_GOAL_RATIO)
             self._mirrors[key] = Mirror(
                 MujocoBody(
                     robot,
-                    surroundings,
+                    scene,
                     Physics(),
                     0,
                 ),
@@ -446,7 +275,7 @@ class RobotView:
         """Show the scene of a mirror if it is another one."""
         if mirror is not self._current:
             self._current = mirror
-            self._board.show_scene(mirror.scene, lambda: mirror.poses(mirror.body.data.qpos))
+            self._board.show_drawing(mirror.drawing, lambda: mirror.poses(mirror.body.data.qpos))
         return mirror
 
 

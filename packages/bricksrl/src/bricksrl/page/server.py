@@ -213,7 +213,7 @@ class PageServer:
         self._loop: asyncio.AbstractEventLoop | None = None
         self._ready = threading.Event()
         self._closing: asyncio.Event | None = None
-        self._scene: tuple[int, bytes] = (0, b"")
+        self._drawing: tuple[int, bytes] = (0, b"")
         self._connections = 0
         self.url = ""
 
@@ -320,13 +320,13 @@ class PageServer:
         elif path == "/visitors.json":
             content_type = "application/json"
             data = json.dumps(self.visitors.described()).encode()
-        elif path == "/scene.bin":
+        elif path == "/drawing.json":
             # Encoded for the first browser that asks, and kept for the others.
-            version, scene = self.board.scene
-            if version != self._scene[0] and scene is not None:
-                self._scene = (version, scene.to_bytes())
-            content_type = "application/octet-stream"
-            data = self._scene[1]
+            version, drawing = self.board.drawing
+            if version != self._drawing[0] and drawing is not None:
+                self._drawing = (version, json.dumps(drawing.described()).encode())
+            content_type = "application/json"
+            data = self._drawing[1]
         elif (file := self.file(path[1:])) is not None:
             content_type, data = file
         else:
@@ -539,13 +539,16 @@ def _own_address() -> str:
 
 
 def _file(name: str) -> tuple[str, bytes] | None:
-    """Content type and bytes of a file of the package; ``None`` if there is no such file."""
+    """Content type and bytes of a file of the page, or of the view that it shows; ``None`` if there
+    is no such file."""
     content_type = _CONTENT_TYPES.get(name.rpartition(".")[2])
     if content_type is None:
         return None
     # A name is looked up among those that are there, and never joined to a path.
-    for folder in ("static", "pictures"):
-        for file in (importlib.resources.files("bricksrl.page") / folder).iterdir():
+    page = importlib.resources.files("bricksrl.page")
+    view = importlib.resources.files("bricktwin.view")
+    for folder in (page / "static", page / "pictures", view / "static"):
+        for file in folder.iterdir():
             if file.name == name:
                 return content_type, file.read_bytes()
     return None

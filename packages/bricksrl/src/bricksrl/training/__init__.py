@@ -35,7 +35,8 @@ __all__ = [
     "train",
 ]
 
-# What loads torch is imported when it is asked for: `bricksrl --help` needs none of it.
+# These modules load torch, so they are imported only when they are asked for: `bricksrl --help`
+# needs none of it.
 _MODULES = {"load_learner": "learners", "resume": "run", "train": "run"}
 
 

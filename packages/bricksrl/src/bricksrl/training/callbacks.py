@@ -40,9 +40,9 @@ class RobotState(StrEnum):
     """Waits to be placed by hand at the start position."""
     ACTING = "acting"
     LEFT = "left"
-    """Its link broke or its process ended; it is retried."""
+    """The robot's link broke or its process ended, which is retried."""
     GIVEN_UP = "given up"
-    """Its process ended again and again; it is not retried."""
+    """The robot's process ended again and again, and is not retried."""
     DONE = "done"
     """No episodes are left."""
 
@@ -60,13 +60,13 @@ class Episode:
     return_: float
     """Sum of rewards."""
     success: bool | None
-    """By the task's definition; ``None`` without one."""
+    """Success by the task's definition; ``None`` without one."""
     measures: dict[str, float] = field(default_factory=dict)
     """Metrics of the task, such as the final error, and losses, means over the updates, by name."""
     seconds: float = 0.0
     """Total time of the run at its end, without interruptions."""
     link_lost: bool = False
-    """Whether it ended by a lost link."""
+    """Whether the episode ended by a lost link."""
     updates_per_step: float | None = None
     """Updates so far per step that requires updates; ``None`` without such steps."""
     evaluation: float | None = None
@@ -100,14 +100,14 @@ class Progress:
     ) -> Progress:
         """The progress after these episodes of ``total``."""
         last = episodes[-1]
-        # Totals before the last few episodes: of the one before them, or of the run's start.
+        # Totals are compared with those before the last few episodes, or with the run's start.
         seconds_before = 0.0
         steps_before = 0
         if len(episodes) > WINDOW:
             before = episodes[-WINDOW - 1]
             seconds_before = before.seconds
             steps_before = before.steps
-        # A clock may not have moved on between two very short ones.
+        # A clock may not have moved on between two very short episodes.
         seconds = max(last.seconds - seconds_before, 1e-9)
         steps_per_s = (last.steps - steps_before) / seconds
         episodes_left = total - len(episodes)
@@ -122,7 +122,7 @@ class RunResult:
     run_dir: Path
     episodes: tuple[Episode, ...]
     interrupted: bool
-    """Whether it can be resumed."""
+    """Whether the run can be resumed."""
     updates_per_step: float | None = None
     """Updates during the robot's work per step that requires updates; ``None`` without such
     steps."""
@@ -201,7 +201,7 @@ class CallbackList(Callback):
     """Several callbacks as one, called in order."""
 
     def __init__(self, *callbacks: Callback) -> None:
-        # By name, so that a method that comes to the base class is passed on too.
+        # Callbacks are passed on by name, so that a new method of the base class is passed on too.
         for name in vars(Callback):
             if name.startswith("on_"):
                 setattr(self, name, self._caller(name, callbacks))

@@ -24,7 +24,7 @@ def save_checkpoint(path: Path, state: dict[str, Any]) -> None:
     buffer = io.BytesIO()
     torch.save(state, buffer)
     payload = buffer.getvalue()
-    # A file that was cut or altered on its way is told from a whole one before torch reads it.
+    # The digest recognises a file that was cut or altered on its way, before torch reads it.
     digest = hashlib.sha256(payload).digest()
     write_durably(path, MAGIC + digest + payload)
 
@@ -48,8 +48,8 @@ def load_checkpoint(path: Path) -> dict[str, Any]:
     if hashlib.sha256(payload).digest() != digest:
         raise CheckpointError(f"the checkpoint {path} is damaged; restore a copy or train again")
     refusal = CheckpointError(f"the checkpoint {path} has no training state; train again")
-    # The digest is right in a stranger's file too, and says nothing about what is in it. Warnings
-    # are about foreign pickles, which are refused anyway.
+    # A stranger's file has a right digest too, which says nothing about its content. Warnings are
+    # about foreign pickles, which are refused anyway.
     with parsing(refusal), warnings.catch_warnings(action="ignore"):
         state = torch.load(io.BytesIO(payload), map_location="cpu", weights_only=True)
     if not isinstance(state, dict):

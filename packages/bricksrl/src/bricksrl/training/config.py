@@ -70,15 +70,17 @@ class RunOptions:
     stop_at: Annotated[float | None, option(metavar="RETURN")] = None
     """Stop when the mean return of the last five episodes, or of an evaluation if there are any,
     reaches this."""
-    record: Flag = True
-    """Record all transitions as a dataset in the run's folder data, unless --no-record is given."""
+    record: Annotated[
+        bool, option(help="Do not record the transitions as a dataset in the run's folder data.")
+    ] = True
+    """Record all transitions as a dataset in the run's folder data."""
     log: Annotated[Literal["none", "tensorboard", "wandb", "trackio"], option(metavar="NAME")] = (
         "none"
     )
     """Also log to tensorboard, wandb or trackio; metrics.csv is always written."""
     name: Annotated[str, option(metavar="NAME"), NotCode()] = ""
     """Name of who trains, in a class; report and tables show it."""
-    patience_s: Annotated[float, Range(), option(name="patience", metavar="SECONDS")] = 300.0
+    patience_s: Annotated[float, Range(), option(metavar="SECONDS")] = 300.0
     """How long to retry when the link to a robot is lost; 0 gives up at once."""
 
 
@@ -111,16 +113,17 @@ class TrainConfig(RunOptions, EnvOptions):
 
     def __post_init__(self) -> None:
         check_seed(self.seed)
-        # A path or a text: one is as good as the other, but a config in a file has texts.
+        # Paths and texts are equally good here, but a config in a file has texts.
         for name in ("data", "start", "base", "demonstrations"):
             if isinstance(getattr(self, name), Path | str):
                 object.__setattr__(self, name, str(getattr(self, name)))
         if isinstance(self.run_dir, Path | str):
             object.__setattr__(self, "run_dir", Path(self.run_dir))
         super().__post_init__()
-        # As numbers rather than by its name, so that a later version trains in the same world.
+        # Physics are kept as numbers and not by name, so that a later version trains in the same
+        # world.
         object.__setattr__(self, "physics", self.known_physics)
-        # The run can then be used in any folder.
+        # Absolute paths let the run be used in any folder.
         for name in ("env", "agent"):
             object.__setattr__(self, name, with_absolute_file(getattr(self, name)))
         # A robot in real time cannot wait for a gradient.
@@ -131,7 +134,7 @@ class TrainConfig(RunOptions, EnvOptions):
                 updates = counted(self.updates, "update")
                 episodes = counted(self.episodes, "episode")
                 raise RunError(message.format(self, updates=updates, episodes=episodes))
-        # Kept with the run, so that a later version goes on with the same.
+        # Settings are kept with the run, so that a later version goes on with the same ones.
         if self.settings is None:
             object.__setattr__(self, "settings", settings_for(self.env, "default", self.agent))
         if not dataclasses.is_dataclass(self.settings):
@@ -143,7 +146,8 @@ class TrainConfig(RunOptions, EnvOptions):
             raise DescriptionError(
                 f"{self.agent} cannot normalize; give its settings a field normalize, or omit it"
             )
-        # An option of the run for its user, a setting for the agent, which reads only those.
+        # Normalizing is an option of the run for its user but a setting for the agent, which reads
+        # only settings.
         changed = {"normalize": True} if self.normalize else {}
         object.__setattr__(self, "settings", _plain(self.settings, **changed))
 
@@ -169,9 +173,9 @@ class TrainConfig(RunOptions, EnvOptions):
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON, without the run's folder."""
         data = dataclasses.asdict(self)
-        # The folder holds the config, and may be moved.
+        # The config lies in this folder, which may be moved.
         del data["run_dir"]
-        # JSON has no tuples: what is compared with a config that was read has lists too.
+        # JSON has no tuples, so settings get lists here, to equal those of a config that was read.
         data["settings"] = {
             name: list(value) if isinstance(value, tuple) else value
             for name, value in data["settings"].items()
@@ -199,7 +203,7 @@ class TrainConfig(RunOptions, EnvOptions):
             data = {**data, "settings": settings, "physics": physics}
             return cls(**data, run_dir=run_dir)
         except UnknownNameError as error:
-            # Its text says what to do; the config itself is as it was.
+            # The error's text says what to do; the config itself is unchanged.
             raise RunError(f"the run needs what is not here: {error}") from None
         except (AttributeError, BricksError, TypeError) as error:
             raise RunError(
@@ -212,7 +216,8 @@ def _are_ambiguous(hubs: tuple[str, ...]) -> bool:
     real = {hub for hub in hubs if hub != "virtual"}
     if len(hubs) == 1 or not real:
         return False
-    # One address twice, or a virtual robot among real ones.
+    # It is not clear which robot a process gets if an address is named twice, or a virtual robot
+    # stands among real ones.
     are_repeated = len(real) < len(hubs)
     are_unnamed = any(":" not in hub for hub in real)
     return are_repeated or are_unnamed
@@ -220,7 +225,7 @@ def _are_ambiguous(hubs: tuple[str, ...]) -> bool:
 
 @dataclass(frozen=True)
 class _CommonSettings(CriticSettings, TargetSettings, OffPolicySettings):
-    """What a user's agent may have too: its texts are known to name code, or not."""
+    """Settings that a user's agent may have too. Which of their texts name code is known."""
 
 
 MAX_NAME = 40
@@ -293,7 +298,7 @@ def portable(data: dict[str, Any]) -> dict[str, Any]:
         if isinstance(value, str):
             settings[name] = without_folder(value)
     plain = {**data, "settings": settings}
-    # A checkpoint's identity has no transform, and most runs have none.
+    # A checkpoint's identity has no transform, and neither have most runs.
     for name in ("env", "agent", "transform"):
         if data.get(name) is not None:
             plain[name] = without_folder(data[name])
@@ -307,10 +312,10 @@ def code_in(config: Any) -> tuple[str, ...]:
     The annotations of `TrainConfig`, of the settings of our agents and of the options of our
     environments say which texts name none.
     """
-    # It may be a stranger's: nothing in it is of the right type for sure.
+    # The content may be a stranger's, so no type in it is certain.
     if not isinstance(config, Mapping):
         return tuple(code_names(config))
-    # Settings are known by the agent's annotations, options by the environment's.
+    # The agent's annotations check its settings, and the environment's check its options.
     fields = {name: value for name, value in config.items() if name not in ("settings", "options")}
     agent = config.get("agent", TrainConfig.agent)
     named = [
@@ -318,7 +323,7 @@ def code_in(config: Any) -> tuple[str, ...]:
         *_code_in_settings(config.get("settings"), agent),
     ]
     env = config.get("env")
-    # Options of a user's task are for its code, which is named already.
+    # The options of a user's task are for its code, which is already named.
     if isinstance(env, str) and env in LABELS:
         named += code_names(config.get("options"), option_types(env))
     return tuple(named)
@@ -331,7 +336,7 @@ def _code_in_settings(settings: Any, agent: Any) -> Iterator[str]:
         return code_names(settings)
     if isinstance(agent, str) and agent in AGENTS:
         return code_names(settings, algorithm(agent).settings)
-    # To ask a user's algorithm for its annotations would execute it.
+    # Asking a user's algorithm for its annotations would execute it.
     common = {field.name for field in dataclasses.fields(_CommonSettings)}
     known = {name: value for name, value in settings.items() if name in common}
     return code_names(known, _CommonSettings)
@@ -348,11 +353,11 @@ def settings_from(agent: str, given: dict[str, Any]) -> Any:
     """Settings of an agent from plain values. Raises BricksError or TypeError if the agent or its
     settings are invalid."""
     settings_type = algorithm(agent).settings
-    # Lists of JSON are tuples of a frozen dataclass.
+    # JSON has lists where a frozen dataclass has tuples.
     values = {
         name: tuple(value) if isinstance(value, list) else value for name, value in given.items()
     }
-    # A user's dataclass need not check itself.
+    # A user's dataclass need not check itself, so it is checked here.
     check_fields(settings_type, values)
     return settings_type(**values)
 
@@ -368,10 +373,11 @@ def settings_for(
     try:
         task = get_task(env)
     except BricksError:
-        # Not a registered environment, such as one that was given to `train`.
+        # This environment is not registered, for example one that was given to `train`.
         return preset(name, agent)
     settings = preset(name, agent, images=bool(task.images))
-    # A task improves on what is good for few robot steps; the paper's numbers stay the paper's.
+    # A task may improve on what is good for few robot steps, but the paper's numbers stay the
+    # paper's.
     if name != "default":
         return settings
     fitting = {}
@@ -379,7 +385,7 @@ def settings_for(
         if key in vars(settings):
             fitting[key] = value
         else:
-            # That of another agent is left out, but a misspelled one would never be noticed.
+            # A setting of another agent is left out, but a misspelled one would never be noticed.
             _check_any_agent_has(key, env)
     return replace(settings, **fitting)
 

@@ -25,7 +25,7 @@ def draw_learning_curve(
     """Write a PNG with returns, their moving mean, and labelled reference lines."""
     figure = new_figure()
     axes = figure.add_subplot()
-    # Random episodes apart: they are the start that learning is to be seen against.
+    # Random episodes are drawn apart, because learning is compared with them.
     for is_random, colour, label in ((True, GREY, "random start"), (False, LIGHT, "episode")):
         shown = [episode for episode in episodes if (episode.phase is Phase.PREFILL) is is_random]
         # Without points there is nothing for the legend to name.
@@ -39,7 +39,7 @@ def draw_learning_curve(
                 label=label,
                 zorder=2,
             )
-    # The mean of a single episode is its point.
+    # A single episode has no trend, so no mean is drawn.
     if len(episodes) > 1:
         window = min(WINDOW, len(episodes))
         means = moving_mean([episode.return_ for episode in episodes], window)

@@ -4,6 +4,7 @@ teacher."""
 import logging
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from tensordict import TensorDict
 from torchrl.envs import EnvBase
@@ -41,6 +42,8 @@ from bricksrl.training.restore import Which, load_state
 from bricksrl.training.run_folder import RunFolder
 
 _log = logging.getLogger(__name__)
+_MAX_DIFFERING = 5
+"""Maximum number of settings that a message shows."""
 
 
 @dataclass(frozen=True)
@@ -318,13 +321,30 @@ def _go_on_from(
             f"{start} adds to the base {old_config.base}, not to {config.base}; give its own"
         )
     # As plain values: a user's class differs each time it is loaded.
-    if old_config.to_dict()["settings"] != config.to_dict()["settings"]:
-        raise CheckpointError(f"the agent of {start} has other settings; go on with its own")
+    differing = _differing(old_config.to_dict()["settings"], config.to_dict()["settings"])
+    if differing:
+        raise CheckpointError(
+            f"the agent of {start} has other settings: {differing}; go on with its own"
+        )
     state = load_state(folder, one_robot(old_config), env)
     learner.load_state_dict(state["agent"])
     load_transform_state(env, state["transforms"])
     # Episodes that ran in a fleet do not go on.
     learner.begin_elsewhere()
+
+
+def _differing(own: dict[str, Any], given: dict[str, Any]) -> str:
+    """Settings of a run's own agent that are not the given ones, such as ``gamma 0.99, not 0.5``;
+    "" if there are none."""
+    texts = [
+        f"{name} {own.get(name)}, not {given.get(name)}"
+        for name in (own | given)
+        if own.get(name) != given.get(name)
+    ]
+    shown = texts[:_MAX_DIFFERING]
+    if len(texts) > len(shown):
+        shown.append(f"and {len(texts) - len(shown)} more")
+    return "; ".join(shown).replace("; and", " and")
 
 
 def check_weights(learner: Learner) -> None:

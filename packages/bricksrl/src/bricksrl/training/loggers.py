@@ -19,7 +19,7 @@ class Tracking(Callback):
     not installed."""
 
     def __init__(self, log: str) -> None:
-        # Now, rather than when the robot is connected.
+        # A missing package is reported now, and not when the robot is connected.
         if importlib.util.find_spec(log) is None:
             raise RunError(
                 f"{log} is not installed; run `pip install {log}`, or omit --log: metrics.csv is "
@@ -36,10 +36,11 @@ class Tracking(Callback):
         from torchrl.record.loggers import get_logger
 
         project = {"project": PROJECT, "config": config.to_dict()}
-        # Online without an account it would ask for one, and the robot would wait.
+        # Online and without an account, it would ask for one while the robot waits.
         mode = "online" if _logged_in_to_wandb() else "offline"
         wandb = {**project, "mode": mode, "log_env_packages": False}
-        # TensorBoard's logs are a folder within the run, the others' name the run elsewhere.
+        # TensorBoard's logs are a folder within the run, but the others' name stands for the run
+        # elsewhere.
         name = "tensorboard" if self._kind == "tensorboard" else run_dir.name
         self._log: Any = get_logger(
             self._kind,
@@ -56,14 +57,14 @@ class Tracking(Callback):
     ) -> None:
         for name, value in numbers(episode).items():
             self._log.log_scalar(name, value, step=episode.steps)
-        # TensorBoard holds back what it logs, and a run takes long enough to look at it meanwhile.
+        # TensorBoard holds back what it logs, but a run takes long enough to look at it meanwhile.
         flush = getattr(self._log.experiment, "flush", None)
         if flush is not None:
             flush()
 
     def on_end(self, result: RunResult) -> None:
         experiment = self._log.experiment
-        # Weights & Biases and Trackio finish a run, TensorBoard closes a file.
+        # Weights & Biases and Trackio finish a run, while TensorBoard closes a file.
         if hasattr(experiment, "finish"):
             experiment.finish()
         else:
@@ -84,14 +85,14 @@ def numbers(episode: Episode) -> dict[str, float]:
     logged = {"return": episode.return_}
     for name in names:
         value = getattr(episode, name)
-        # Trackers want numbers: what an episode does not have is left out.
+        # Trackers want numbers, so what an episode does not have is left out.
         if value is not None:
             logged[name] = float(value)
     return logged | episode.measures
 
 
 def _logged_in_to_wandb() -> bool:
-    # Where `wandb` itself looks, in its order: variables, then what `wandb login` has written.
+    # `wandb` itself looks in this order: variables, then what `wandb login` has written.
     mode = os.environ.get("WANDB_MODE")
     if mode:
         return mode == "online"

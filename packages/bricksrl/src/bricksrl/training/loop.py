@@ -65,20 +65,20 @@ class Loop:
         is_taught = any((self.config.start, self.config.base, self.config.demonstrations))
         self.prefill_episodes = 0 if is_taught else self.actor.prefill_episodes
 
-        # What a checkpoint brings. The identity must be equal in a checkpoint and its run.
+        # The fields up to `recorded` come from a checkpoint. The identity must be the same in a
+        # checkpoint and its run.
         self.identity: dict[str, Any] = state["identity"]
-        # Complete ones only: an interrupted run begins its last episode anew.
+        # Only complete episodes are listed, because an interrupted run begins its last one anew.
         self.episodes = [Episode.from_dict(data) for data in state["episodes"]]
-        # Mean return of the best evaluation.
         self.best: float | None = state["best"]
-        # Of the last episode.
+        # This belongs to the last episode: the run may have ended before its evaluation.
         self.is_evaluation_due: bool = state["is_evaluation_due"]
-        # Number of whole episodes in the dataset.
         self.recorded: int = state["recorded"]
 
-        # What is not in a checkpoint. Episodes that have started, complete or not.
+        # The fields from here on are not in a checkpoint. Episodes count from their start, complete
+        # or not.
         self._started = len(self.episodes)
-        # Numbers of episodes that were lost before their first step: they are played again.
+        # Episodes that were lost before their first step keep their numbers, and are played again.
         self._numbers_again = list[int]()
         self._last_end_s = 0.0
         self._saved_at: LearningPace | None = None
@@ -86,7 +86,7 @@ class Loop:
         self.source = self._make_source()
 
     def _make_source(self) -> Source:
-        """Where the steps come from: robots of a fleet, copies, or one robot."""
+        """Source of the steps: robots of a fleet, copies, or one robot."""
         make: type[FleetRobots | Copies | OneRobot]
         if isinstance(base_of(self.env), Fleet):
             make = FleetRobots
@@ -94,7 +94,8 @@ class Loop:
             make = Copies
         else:
             make = OneRobot
-        # A dataset holds the vector "observation": an environment without one cannot be recorded.
+        # A dataset holds the vector "observation", so an environment without one cannot be
+        # recorded.
         fits_dataset = "observation" in given_specs(base_of(self.env))
         learns_on_robots = not self.config.updates and not self.env.batch_size
         return make(
@@ -126,22 +127,22 @@ class Loop:
                     self._evaluate()
                 if not self._is_over() and not self.signals.requested:
                     self._collect()
-                # Read once, as another process learns on meanwhile: the ratio is that of the
-                # robot's work, what follows is caught up.
+                # This is read only once, because another process may learn on meanwhile. The ratio
+                # is that of the robot's work, and later updates catch up.
                 pace = self.learner.pace
                 updates_per_step = pace.updates_per_step(self.actor)
                 caught_up = self._catch_up(pace)
             except InterruptedEpisodeError:
-                # The checkpoints are still to be written; further updates are not waited for.
+                # The checkpoints are still to be written, but further updates are not waited for.
                 self.learner.finish(lambda: False)
             except (KeyboardInterrupt, BricksError):
                 # After Ctrl-C, whatever ends the run is its end.
                 if not self.signals.requested:
-                    # A robot that is told to move by NaN fails too: name the cause instead.
+                    # A robot that is told to move by NaN fails too, so the cause is named instead.
                     check_weights(self.actor)
                     raise
             finally:
-                # Also of a run that failed: its episodes are complete.
+                # A run that failed also closes its dataset, because its episodes are complete.
                 with self.signals.held_back():
                     folder.draw_curve(self.config, self.episodes)
             is_interrupted = self.is_evaluation_due or not self._is_over()
@@ -165,10 +166,11 @@ class Loop:
                     self._moved(event)
                 case Ended():
                     self._ended(event)
-                    # Here nothing is lost, wherever the stop was asked for.
+                    # A stop loses nothing here, wherever it was asked for.
                     if self._is_over() or self.signals.requested:
                         return
-            # An episode whose last step is made is complete: its end comes with the next event.
+            # An episode whose last step is made is complete, because its end comes with the next
+            # event.
             is_last_step = isinstance(event, Moved) and event.is_last
             if self.signals.requested and not is_last_step:
                 raise InterruptedEpisodeError
@@ -179,8 +181,8 @@ class Loop:
         if len(self.episodes) + being_played >= self.config.episodes:
             return None
 
-        # One that was lost before its first step keeps its number: by it an episode is random or
-        # not, and has its seed.
+        # An episode that was lost before its first step keeps its number, which decides whether it
+        # is random and which seed it has.
         if self._numbers_again:
             number = self._numbers_again.pop(0)
         else:
@@ -194,7 +196,8 @@ class Loop:
         else:
             phase = Phase.TRAIN
         policy = "random" if phase is Phase.PREFILL else without_folder(self.config.agent)
-        # The seed is that of the number, so that a resumed run draws what the whole one would have.
+        # The seed depends on the number, so that a resumed run draws what the whole one would have
+        # drawn.
         seed = episode_seed("training", self.config.seed, number)
         playing = Playing(number, phase, seed, policy)
 
@@ -209,7 +212,8 @@ class Loop:
 
     def _updates_before(self, number: int) -> int:
         """An episode's share of the updates from data."""
-        # A difference of rounded totals: all shares together are exactly the updates of the config.
+        # The share is a difference of rounded totals, so that all shares together are exactly the
+        # updates of the config.
         total = self.config.updates
         episodes = self.config.episodes
         to_here = total * number // episodes
@@ -233,7 +237,8 @@ class Loop:
                 moved.own_frame,
             )
         frames = frame if is_batch else frame[None]  # [copies, time] or [1]
-        # Also one in which the link broke: its outcome is left out, but the memory sees the gap.
+        # A frame in which the link broke is remembered too: its outcome is left out, but the memory
+        # sees the gap.
         self.learner.remember(frames, playing.robot)
         if playing.phase is Phase.TRAIN and not moved.is_lost:
             steps = frames.shape[-1]
@@ -245,12 +250,13 @@ class Loop:
         is time."""
         playing = ended.playing
         episode = ended.episode
-        # Lost before its first step: there is nothing to keep.
+        # The episode was lost before its first step, so there is nothing to keep.
         if episode is None:
             self.learner.end_episodes(playing.robot)
             self._numbers_again.append(playing.number)
             return
-        # Before anything is written, so that a checkpoint never holds what cannot be learned from.
+        # This comes before anything is written, so that a checkpoint never holds what cannot be
+        # learned from.
         if not math.isfinite(episode.return_):
             raise DescriptionError(
                 f"the return of episode {playing.number} is {episode.return_}: a reward of "
@@ -258,13 +264,13 @@ class Loop:
                 f"correct it, `bricksrl check {quoted(self.config.env)}` tries it"
             )
         with self.signals.held_back():
-            # The dataset comes first, so that no failure of what follows loses an episode of a real
-            # robot.
+            # The dataset comes first, so that no later failure loses an episode of a real robot.
             is_whole = not episode.link_lost and not ended.is_cut
-            # What a pause cut short was not judged to its end.
+            # An episode that a pause cut short was not judged to its end.
             success = None if ended.is_cut else episode.success
             self._record(playing, success=success, whole=is_whole)
-            # Before the checkpoint: in it, no transition leads from this episode into the next.
+            # This comes before the checkpoint, in which no transition may lead from this episode
+            # into the next.
             self.learner.end_episodes(playing.robot)
             self._keep(playing, episode)
         # An evaluation reports the episode itself, with its result.
@@ -281,7 +287,7 @@ class Loop:
         """Count an episode: write it into the metrics, and the checkpoint."""
         steps_before = self.episodes[-1].steps if self.episodes else 0
         seconds_before = self.episodes[-1].seconds if self.episodes else 0.0
-        # Episodes of a fleet overlap: each counts the time since the last end alone, so that the
+        # Episodes of a fleet overlap. Each counts only the time since the last end, so that the
         # total is that of the clock.
         begun_s = max(playing.started_s, self._last_end_s)
         self._last_end_s = time.perf_counter()
@@ -295,11 +301,12 @@ class Loop:
             updates_per_step=self.learner.pace.updates_per_step(self.actor),
         )
         is_time = bool(self.config.eval_every) and number % self.config.eval_every == 0
-        # After a lost link the robot may not be back yet: the next time will do.
+        # After a lost link the robot may not be back yet, so the evaluation waits for the next
+        # time.
         self.is_evaluation_due = is_time and not counted.link_lost
         self.episodes.append(counted)
-        # The checkpoint comes last: resuming writes the metrics anew from it, so that they may be
-        # ahead of it, but never behind.
+        # The checkpoint comes last: resuming writes the metrics anew from it, so they may be ahead
+        # of it but never behind.
         self.folder.append(counted)
         self.save()
 
@@ -312,7 +319,7 @@ class Loop:
         measures = {name: float(value) for name, value in means(playing.metrics).items()}
         measured_by = f"measures of the updates of {without_folder(self.config.agent)}"
         check_measures(measures, measured_by)
-        # Both are columns of one table.
+        # Both kinds of measures are columns of one table, so a name must not be in both.
         twice = sorted(measures.keys() & episode.measures.keys())
         if twice:
             raise DescriptionError(
@@ -334,7 +341,7 @@ class Loop:
         whole: bool,
     ) -> None:
         """Write an episode into the dataset."""
-        # A robot of a fleet that was assigned an episode has not begun it yet.
+        # A robot of a fleet may have been assigned an episode that it has not begun yet.
         if self._recorder is None or playing.about is None:
             return
         about = replace(playing.about, success=success, whole=whole)
@@ -357,7 +364,8 @@ class Loop:
         Until its end the evaluation stays due, so that an interrupted run makes it when it is
         resumed.
         """
-        # An asynchronous learner finishes first: the policy must not change meanwhile.
+        # An asynchronous learner finishes first, because the policy must not change during the
+        # evaluation.
         self.learner.finish(lambda: not self.signals.requested)
         reconnect = reconnect_of(self.env)
         if reconnect is not None:
@@ -373,12 +381,13 @@ class Loop:
         )
         mean = None
         try:
-            # With statistics and random draws as before, so that training goes on as it would have.
+            # Statistics and random draws are restored afterwards, so that training goes on as it
+            # would have.
             with unaffected(self.env):
                 returns = [rollout.return_ for rollout in rollouts]
             mean = sum(returns) / len(returns)
         except HubError:
-            # The run goes on: one evaluation is worth less than a run.
+            # The run goes on, because one evaluation is worth less than a run.
             pass
         with self.signals.held_back():
             self.is_evaluation_due = False
@@ -387,7 +396,8 @@ class Loop:
             if is_best:
                 self.best = mean
                 self.learner.save(self.folder.best_path, self._state())
-            # All rows: the evaluation belongs into the last one, which is written already.
+            # All rows are written, because the evaluation belongs into the last one, which is
+            # already there.
             self.folder.write_episodes(self.episodes)
             self.save()
         self._report()
@@ -404,7 +414,7 @@ class Loop:
             return True
         if self.config.stop_at is None or not self.episodes:
             return False
-        # Evaluations, if there are any, as returns of training include exploration.
+        # Evaluations count if there are any, because returns of training include exploration.
         if self.config.eval_every:
             evaluation = self.episodes[-1].evaluation
             return evaluation is not None and evaluation >= self.config.stop_at
@@ -436,7 +446,7 @@ class Loop:
             self.callback.on_catching_up(updates_due)
         self.learner.finish(lambda: not self.signals.requested)
         steps_caught_up = self.learner.pace.done - before.done
-        # The last checkpoint was asked for before these updates.
+        # The last checkpoint was made before these updates.
         if self.episodes and self.learner.pace != self._saved_at:
             self.save()
             self.learner.finish(lambda: False)

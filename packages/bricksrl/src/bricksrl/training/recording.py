@@ -7,6 +7,7 @@ is resumed. Of a virtual robot the dataset then keeps the first recording and le
 out; with a real robot the two are different episodes, and both are kept.
 """
 
+import logging
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -14,6 +15,8 @@ from bricksrl.data.dataset import About
 from bricksrl.data.recorder import Recorder
 from bricksrl.data.schema import Description
 from bricksrl.data.steps import Step
+
+_log = logging.getLogger(__name__)
 
 
 class RunRecorder(Recorder):
@@ -36,8 +39,16 @@ class RunRecorder(Recorder):
         super().__init__(root, description)
         whole = [row.about for row in self.rows if row.about.whole]
         self.whole = len(whole)
-        # Seeds of what was recorded after the checkpoint: with a virtual robot they will be the
-        # same episodes again.
+        if self.whole < counted:
+            _log.warning(
+                "%s has %d of the %d episodes of this run, the others are gone: what is recorded "
+                "from here on is a part of it; stop and put the folder back, if you have a copy",
+                root,
+                self.whole,
+                counted,
+            )
+        # These are the seeds of what was recorded after the checkpoint. A virtual robot will play
+        # the same episodes again.
         uncounted = whole[counted:]
         self._uncounted = {about.seed for about in uncounted if about.hub in ("", "virtual")}
 
@@ -53,5 +64,5 @@ class RunRecorder(Recorder):
             return
         before = len(self.rows)
         super().write(steps, about)
-        # The base class may leave an episode out, such as one without steps.
+        # The base class may leave an episode out, for example one without steps.
         self.whole += sum(row.about.whole for row in self.rows[before:])

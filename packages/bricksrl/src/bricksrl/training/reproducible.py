@@ -1,10 +1,11 @@
 """Repeatable conditions of a run: one thread and a seeded generator."""
 
 import contextlib
-import logging
 from collections.abc import Iterator
 
 import torch
+
+from bricksrl.quiet import without_torchrl_notes
 
 
 @contextlib.contextmanager
@@ -13,16 +14,12 @@ def reproducible(seed: int) -> Iterator[None]:
     TorchRL's log. Sums over several threads are rounded differently for each number of cores; small
     networks hardly gain from threads."""
     threads = torch.get_num_threads()
-    logger = logging.getLogger("torchrl")
-    level = logger.level
-    # Devices have generators of their own.
-    with torch.random.fork_rng(devices=range(torch.cuda.device_count())):
+    # Devices have random generators of their own.
+    devices = range(torch.cuda.device_count())
+    with torch.random.fork_rng(devices=devices), without_torchrl_notes():
         torch.set_num_threads(1)
         torch.manual_seed(seed)
-        # It logs the size of each replay buffer.
-        logger.setLevel(logging.WARNING)
         try:
             yield
         finally:
             torch.set_num_threads(threads)
-            logger.setLevel(level)

@@ -47,17 +47,17 @@ def load_state(
     path = folder.checkpoint_path if which == "last" else folder.best_path
     state = load_checkpoint(path)
     prepare(env)
-    # Before the identity, as what a transform keeps may change the layout. Where it does not fit,
-    # the transforms are others, and so is the layout, which is the error to tell.
+    # This comes before the identity, because what a transform keeps may change the layout. If it
+    # does not fit, the transforms are others and so is the layout, which is the error to report.
     misfit: Exception | None = None
     try:
         load_transform_state(env, state["transforms"], frozen=frozen)
     except Exception as error:  # noqa: BLE001
-        # - transforms of any kind refuse in any way
+        # A transform of any kind may refuse in any way.
         misfit = error
     identity = identity_of(config, env)
-    # The digest says that the file is whole, not who wrote it: a stranger's may hold anything, and
-    # whatever is wrong inside, there is one thing to do about it.
+    # The digest says that the file is whole, and not who wrote it. A stranger's may hold anything,
+    # and whatever is wrong inside, there is one thing to do about it.
     with parsing(
         CheckpointError(f"{path} lacks a part of a run's state; restore a copy or train again")
     ):
@@ -83,7 +83,7 @@ def identity_of(config: TrainConfig, env: EnvBase) -> dict[str, Any]:
     data = config.to_dict()
     identity = {key: data[key] for key in ("env", "agent", "seed", "settings")}
     layout = asdict(layout_of(env))
-    # Names are for messages: weights do not depend on them.
+    # Names are for messages only, because weights do not depend on them.
     del layout["names"]
     return {**identity, "layout": layout, "action_size": action_size(env)}
 
@@ -105,7 +105,7 @@ def run_state(
         "best": None,
         "is_evaluation_due": False,
         "recorded": 0,
-        # Without it a resumed run would draw other actions than the whole one.
+        # Without the generator's state, a resumed run would draw other actions than the whole one.
         "generator": torch.get_rng_state(),
         "transforms": transform_state(env),
     }
@@ -127,7 +127,8 @@ class _Parts:
 
 def _differing(saved: dict[str, Any], identity: dict[str, Any]) -> set[str]:
     """Names of the values that differ in a checkpoint. Raises any error where one is missing."""
-    # A run may have been moved with its user's files: their names count, and not the folders.
+    # A run may have been moved together with its user's files, so their names count and not the
+    # folders.
     saved = portable(saved)
     identity = portable(identity)
     return {key for key, value in identity.items() if value != saved[key]}
@@ -141,7 +142,7 @@ def _check_parts(state: dict[str, Any]) -> None:
     for name in ("asked", "done"):
         _ = state["pace"][name]
     torch.Generator().set_state(state["generator"])
-    # A replay buffer takes rows of any shape, and an update would fail on them much later.
+    # A replay buffer accepts rows of any shape, and an update would fail on them much later.
     identity = state["identity"]
     shapes = dict(identity["layout"]["vectors"])
     shapes["action"] = [identity["action_size"]]

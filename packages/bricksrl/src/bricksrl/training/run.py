@@ -142,12 +142,13 @@ def _run(
             env = _make_env(config, place)
             stack.callback(env.close, raise_if_closed=False)
         else:
-            # Agents act in -1..1, which `make` sees to by itself.
+            # Agents act in -1..1, which `make` already ensures.
             env = with_unit_actions(env)
-        # After the environment is made, whose own draws do not count then.
+        # This follows the environment, whose own draws do not count then.
         stack.enter_context(reproducible(derive_seed(config.seed, "agent")))
         signals = stack.enter_context(StopSignals(stop or threading.Event()))
-        # What a user's algorithm raises is told with the line of its file.
+        # A user can mend an error of their own algorithm only if the message has the line of their
+        # file.
         with calling(config.agent, "fails", is_of_user=is_reference(config.agent)):
             return _run_in(
                 env,
@@ -161,7 +162,7 @@ def _run(
 
 def _check_copies(env: EnvBase) -> None:
     """Raise RunError if the episodes of a user's copies cannot be told."""
-    # Copies end at different steps: their returns and lengths stand in the frames alone.
+    # Copies end at different steps, so only the frames hold their returns and lengths.
     needed = {"episode_reward", "step_count"}
     if not needed <= set(env.full_observation_spec.keys()):
         raise RunError(
@@ -173,10 +174,10 @@ def _check_copies(env: EnvBase) -> None:
 def _make_env(config: TrainConfig, place: Placement | None) -> EnvBase:
     """The environment of a config: a fleet, copies, or one robot."""
     if len(config.hubs) > 1:
-        # Virtual robots of several processes need nobody's hands.
+        # Nobody has to place virtual robots, so their processes need no person.
         return make_fleet(config, place if config.hub != "virtual" else None)
-    # Only thousands of copies in one batch are worth a device; a robot, and a single simulation,
-    # act on the processor.
+    # Only thousands of copies in one batch are worth a device. A robot, or a single simulation,
+    # acts on the processor.
     is_batch = config.num_envs > 1 and is_simulation(config.env)
     return make(
         config.env,
@@ -197,7 +198,8 @@ def _run_in(
     driver: Driver | None,
 ) -> RunResult:
     """A new run, or one from the checkpoint in ``folder``, in an environment."""
-    # First: a checkpoint that does not fit is refused before anything moves.
+    # This comes first, because a checkpoint that does not fit must be refused before anything
+    # moves.
     state = {} if folder is None else load_state(folder, config, env)
     learner = make_learner_for(config, env)
     if len(config.hubs) > 1 and learner.on_policy:
@@ -207,15 +209,17 @@ def _run_in(
     frames = attach_dataset(config, learner, env)
     if folder is None:
         warm_start(config, learner, env, frames)
-        # The first checkpoint: a run that is stopped in its first episode can be resumed.
+        # The first checkpoint is written now, so that a run that is stopped in its first episode
+        # can be resumed.
         state = {"agent": learner.state_dict(), "pace": {"asked": 0, "done": 0}, "collected": []}
         state |= run_state(env, identity_of(config, env), [])
     else:
-        # Again, as a teacher's statistics may have been loaded for the dataset.
+        # This is loaded once more, because a teacher's statistics may have been loaded for the
+        # dataset.
         load_transform_state(env, state["transforms"])
     callback.on_env(env)
     callback.on_learner(learner)
-    # The lock is left last: a learner in another process may write until it has ended.
+    # The lock is released last, because a learner in another process may write until it has ended.
     with ExitStack() as lock, ExitStack() as stack:
         side = _learning(
             stack,
@@ -225,7 +229,7 @@ def _run_in(
             state,
             signals,
         )
-        # After all that draws while things are made.
+        # This follows everything that draws while things are made.
         torch.set_rng_state(state["generator"])
         loop = Loop(
             config,
@@ -236,7 +240,7 @@ def _run_in(
             state,
             driver,
         )
-        # A robot that cannot be reached leaves no folder behind.
+        # A robot that cannot be reached leaves no folder behind, so it is connected first.
         if folder is None and not config.updates:
             loop.source.start()
         with signals.held_back():
@@ -244,11 +248,11 @@ def _run_in(
                 folder = RunFolder.create(config, state)
                 lock.enter_context(only_writer(folder.path, RunError))
             else:
-                # What a crash has left: files half written, and metrics ahead of the checkpoint.
+                # A crash may have left files half written, and metrics ahead of the checkpoint.
                 remove_unfinished(folder.path)
                 folder.write_episodes(loop.episodes)
                 folder.write_config(config)
-        # It may hold a replay buffer, which the learner has by now.
+        # The state may hold a replay buffer, which the learner has copied by now.
         del state
         return loop.run(folder)
 
@@ -263,14 +267,14 @@ def _learning(
 ) -> LearnerSide:
     """The learner from a checkpoint's state, here or in another process until the end of the
     ``stack``."""
-    # What learns nothing by gradients, or between episodes alone, keeps no robot waiting.
+    # An agent that learns nothing by gradients, or only between episodes, keeps no robot waiting.
     keeps_none_waiting = not learner.updates_per_step or bool(config.updates)
     if not config.asynchronous or keeps_none_waiting:
         learner.load_state_dict(state["agent"])
         learner.act_on(env.device)
         return InLoopLearner(learner, state)
     side = stack.enter_context(AsyncLearner(config, env, learner, state))
-    # A process starts for seconds, and nothing is lost yet.
+    # Starting a process takes seconds, in which nothing can be lost yet.
     with signals.at_once():
         side.wait_until_ready()
     return side

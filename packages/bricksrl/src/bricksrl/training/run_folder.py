@@ -31,15 +31,14 @@ DATA_FOLDER = "data"
 
 
 class Origin(NamedTuple):
-    """What a run was about: its environment and the options of its first robot, its agent and
-    seed."""
+    """Origin of a run: its environment and the options of its first robot, its agent and seed."""
 
     env: str
     options: EnvOptions
     agent: str
     seed: int
     is_offline: bool
-    """Whether it learned from data alone."""
+    """Whether the run learned from data alone."""
 
 
 class RunFolder:
@@ -64,7 +63,7 @@ class RunFolder:
     ) -> "RunFolder":
         """Create a folder with config and first checkpoint, atomically. Raises RunError if it
         exists, or WriteError."""
-        # It loads torch, which who only reads a folder does not need.
+        # This import loads torch, which is not needed to read a folder.
         from bricksrl.training.checkpoint import save_checkpoint
 
         paths = _default_paths(config) if config.run_dir is None else [config.run_dir]
@@ -73,14 +72,15 @@ class RunFolder:
             if path.exists():
                 continue
             try:
-                # A folder appears with all files or not at all, so that each run can be resumed.
+                # A folder appears with all its files or not at all, so that each run can be
+                # resumed.
                 with atomic_folder(path) as temporary:
                     folder = cls(temporary)
                     folder.write_config(config)
                     folder.write_episodes([])
                     save_checkpoint(folder.checkpoint_path, state)
             except WriteError:
-                # Another process created it meanwhile, such as one of several seeds.
+                # Another process created it in the meantime, for example one of several seeds.
                 if path.exists():
                     continue
                 raise
@@ -94,7 +94,8 @@ class RunFolder:
         versions["python"] = platform.python_version()
         data = {"bricksrl_run": 1, "config": config.to_dict(), "versions": versions}
         text = (json.dumps(data, indent=2) + "\n").encode()
-        # Code that its user has just named needs no second leave, here and on later days.
+        # The user has just named this code, which needs no second permission, neither here nor on
+        # later days.
         if code_in(data["config"]):
             remember(text)
         write_durably(self.config_path, text)
@@ -115,12 +116,12 @@ class RunFolder:
             version = data["bricksrl_run"]
         if version != 1:
             raise RunError(f"{self.config_path} is of another version of BricksRL; start a new run")
-        # Before the config is made of it, which loads the settings of a user's algorithm.
+        # This comes before the config is made, which loads the settings of a user's algorithm.
         require_trusted(self.config_path, text, code_in(config))
         return TrainConfig.from_dict(config, run_dir=self.path)
 
     def origin(self) -> Origin:
-        """What the run was about. Raises the errors of `read_config`."""
+        """Origin of the run. Raises the errors of `read_config`."""
         config = self.read_config()
         return Origin(
             config.env,
@@ -145,7 +146,7 @@ class RunFolder:
                 for name in ("return_mean", "return_std", "episodes", "trained_episodes"):
                     float(data[name])
                 return data
-        # An evaluation is only told; a run is whole without one.
+        # An evaluation is only reported, and a run is complete without one.
         except RunError:
             return None
 
@@ -155,7 +156,7 @@ class RunFolder:
         data = self.read_evaluation()
         if data is None:
             return None
-        # The agent may have learned on since.
+        # The agent may have learned on since the evaluation.
         is_current = data["trained_episodes"] == episodes
         return data if is_current and data.get("as_trained") else None
 
@@ -169,7 +170,8 @@ class RunFolder:
             if are_known:
                 file.seek(0, io.SEEK_END)
                 file.write(_csv(columns, [episode]))
-        # Such as the losses, which the random episodes before did not have.
+        # New measures appear, for example the losses, which the random episodes before did not
+        # have.
         if not are_known:
             self.write_episodes([*self.read_episodes(), episode])
 
@@ -179,7 +181,7 @@ class RunFolder:
         episodes: Sequence[Episode],
     ) -> None:
         """Draw the learning curve."""
-        # It loads Matplotlib, which only a run that ends needs.
+        # This import loads Matplotlib, which only a run that ends needs.
         from bricksrl.training.curve import draw_learning_curve
 
         env = without_folder(config.env)
@@ -203,14 +205,14 @@ class RunFolder:
             "restore the file or start a new run",
         ):
             text = self.metrics_path.read_text(encoding="utf-8")
-            # What follows the last end of a line is a row that was cut.
+            # Whatever follows the last line end is a row that was cut.
             whole_lines, _, _ = text.rpartition("\n")
             rows = csv.DictReader(whole_lines.splitlines())
             return tuple(map(_episode, rows))
 
     def write_episodes(self, episodes: Sequence[Episode]) -> None:
         """Replace the metrics, which after a crash may be ahead of the checkpoint."""
-        # Each name once, in the order in which they came up.
+        # Each name is kept once, in the order in which the names came up.
         measures: dict[str, None] = {}
         for episode in episodes:
             measures.update(dict.fromkeys(episode.measures))
@@ -238,7 +240,7 @@ def _csv(
     header: bool = False,
 ) -> bytes:
     text = io.StringIO()
-    # A table that has a column less leaves that measure out; lines end alike on each system.
+    # If a table has a column less, that measure is left out. Lines end alike on each system.
     writer = csv.DictWriter(
         text,
         columns,
@@ -255,11 +257,11 @@ def _row(episode: Episode) -> dict[str, Any]:
     """An episode as a row of the metrics; ``None`` is an empty cell."""
     row: dict[str, Any] = dict(episode.measures)
     for name in (*MEASURED, *MEASURED_TOO):
-        # "return" is a word of Python, and no name of a field.
+        # "return" is a word of Python and cannot name a field.
         if name != "return":
             row[name] = getattr(episode, name)
     row["return"] = episode.return_
-    # Truth values as numbers, which spreadsheets can sum.
+    # Truth values become numbers, because spreadsheets can add those.
     row["success"] = None if episode.success is None else int(episode.success)
     row["link_lost"] = int(episode.link_lost)
     row["seconds"] = f"{episode.seconds:.3f}"

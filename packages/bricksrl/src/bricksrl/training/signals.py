@@ -32,7 +32,7 @@ class StopSignals(ExitStack):
         return self._stop.is_set()
 
     def __enter__(self) -> Self:
-        # Python refuses handlers of other threads; the page's runs are stopped by their event.
+        # Python refuses handlers in other threads, and runs of the page are stopped by their event.
         if threading.current_thread() is threading.main_thread():
             before = signal.signal(signal.SIGINT, self._on_interrupt)
             self.callback(signal.signal, signal.SIGINT, before)
@@ -62,15 +62,16 @@ class StopSignals(ExitStack):
         end_s = time.monotonic() + duration_s
         with self.at_once():
             left_s = end_s - time.monotonic()
-            # In pieces, as Windows tells of a Ctrl-C only when a wait is over.
+            # The wait is cut into pieces, because Windows tells of a Ctrl-C only when a wait is
+            # over.
             while left_s > 0.0:
-                # Set by another thread, which raises nothing here.
+                # Another thread has set this, which raises nothing here.
                 if self._stop.wait(min(left_s, _POLL_S)):
                     raise KeyboardInterrupt
                 left_s = end_s - time.monotonic()
 
     def _on_interrupt(self, *_: object) -> None:
-        # Who asks again does not want to wait for a safe place.
+        # Whoever asks again does not want to wait for a safe place.
         is_second = self._stop.is_set()
         self._stop.set()
         is_wanted_now = is_second or self._at_once

@@ -115,8 +115,8 @@ class Source(ABC):
         self._begun = self._begin()
 
     def events(self) -> Iterator[Moved | Ended | None]:
-        """What happens, episode by episode; ``None`` from time to time if nothing does."""
-        # The first episode may have begun in `start`.
+        """Events, episode by episode; ``None`` from time to time if nothing happens."""
+        # The first episode may already have begun in `start`.
         begun = self._begun or self._begin()
         while begun is not None:
             self._begun = None
@@ -131,17 +131,19 @@ class Source(ABC):
             return None
         reconnect = reconnect_of(self.env)
         if reconnect is not None:
-            # Set for each episode, as an evaluation before it leaves an `on_error` of its own.
+            # This is set for each episode, because an evaluation before it leaves an `on_error` of
+            # its own.
             reconnect.patience_s = self.patience_s
             reconnect.wait = self.signals.wait
             reconnect.on_error = lambda error: self.callback.on_link_lost(
                 playing.number, playing.length, error
             )
-        # A reset may wait for a hub or a person; to break it off loses nothing.
+        # A reset may wait for a hub or a person, and breaking it off loses nothing.
         with self.signals.at_once():
             seed_episode(self.env, playing.seed)
             state = self.env.reset()
-        # The time of a reset is not the agent's; that of updates from data, made before it, is.
+        # The time of a reset does not count as the agent's, but that of updates from data made
+        # before it does.
         if playing.phase is not Phase.OFFLINE:
             playing.started_s = time.perf_counter()
         return playing, state
@@ -188,7 +190,8 @@ class OneRobot(Source):
         )
         is_cut = False
         for frame in frames:
-            # Several where a transform repeats an action; none if the link broke in the first.
+            # A transform that repeats an action gives several frames, and a link that broke in the
+            # first one gives none.
             own_frames = rollout.add(frame, self.env)
             playing.length = len(rollout.rewards)
             is_by_hand = bool(frame.get("intervention", False))
@@ -199,7 +202,8 @@ class OneRobot(Source):
                 )
             if self.is_recorded:
                 playing.steps += [step_of(own_frame, self.env) for own_frame in own_frames]
-            # Read in time: an evaluation may follow the last step, and has pauses of its own.
+            # This is read before an evaluation, which may follow the last step and has pauses of
+            # its own.
             is_cut = interface_of(self.env).is_cut
             own_frame = own_frames[-1] if own_frames else frame
             is_last = bool(frame["next", "done"])
@@ -211,11 +215,11 @@ class OneRobot(Source):
                 is_last,
             )
 
-        # A measurement has to be complete. It is not repeated, as its updates are made once.
+        # A measurement has to be complete. It is not repeated, because its updates are made once.
         if rollout.is_lost and phase is Phase.OFFLINE:
             raise interface_of(self.env).link_error
         success, measures = rollout.judged(self.env)
-        # The run adds its total steps; alone, an episode has as many as it is long.
+        # The run adds its total of steps. An episode by itself has as many as it is long.
         episode = Episode(
             playing.number,
             phase,
@@ -245,7 +249,8 @@ class Copies(Source):
         playing: Playing,
         start: TensorDictBase,
     ) -> Iterator[Moved | Ended]:
-        # Sums over all copies, on their device: to read one at each batch would wait for it.
+        # Sums over all copies stay on their device, because reading one at each batch would wait
+        # for it.
         device = self.env.device
         episodes_ended = torch.zeros((), device=device)
         lengths = torch.zeros((), device=device)
@@ -264,16 +269,17 @@ class Copies(Source):
             playing.length += frames.shape[-1]
             yield Moved(playing, frames, frames)
             after = frames["next"]
-            # An episode that a lost link cut short says nothing of the agent.
+            # An episode that a lost link cut short says nothing about the agent.
             no_losses = torch.zeros_like(after["done"])
             lost = after.get("link_lost", no_losses)
             done = after["done"] & ~lost  # [copies, time, 1]
             episodes_ended += done.sum()
             returns += (after["episode_reward"] * done).sum()
             lengths += (after["step_count"] * done).sum()
-            # Steps of the robots: a frame may be several of them, where actions are repeated.
+            # The robots' own steps are counted: where actions are repeated, a frame is several of
+            # them.
             steps += (after["step_count"] - frames["step_count"]).sum()
-        # No episode may have ended in the round, such as where all links broke.
+        # No episode may have ended in this round, for example because all links broke.
         count = max(1.0, float(episodes_ended))
         episode = Episode(
             playing.number,
@@ -294,14 +300,15 @@ def collect_round(
 ) -> Iterator[TensorDictBase]:
     """Frames ``[copies, steps_per_batch]``, at least ``steps`` per copy from a reset on; ended
     copies restart. ``policy``: a TensorDict module on the environment's device; it explores."""
-    # TorchRL's own import raises them.
+    # TorchRL's own import raises these warnings.
     with warnings.catch_warnings(action="ignore", category=DeprecationWarning):
         from torchrl.collectors import Collector
 
     copies = env.batch_size.numel()
     batches = math.ceil(steps / steps_per_batch)
     frames_per_batch = steps_per_batch * copies
-    # One collector a round: it begins with a reset of all, so that a run resumes exactly.
+    # There is one collector for each round. It begins by resetting all copies, so that a run
+    # resumes exactly.
     collector = Collector(
         env,
         policy,
@@ -313,5 +320,5 @@ def collect_round(
     try:
         yield from collector
     finally:
-        # By itself a collector closes its environment, which the next round needs.
+        # A collector would close its environment by itself, which the next round needs.
         collector.shutdown(close_env=False)

@@ -47,7 +47,7 @@ def require_trusted(
     """
     if not code or is_trusted(data):
         return
-    # As the command takes it: a run or a policy is its folder.
+    # The command takes a run or a policy by its folder.
     argument = path.parent if path.name in _CONFIGS else path
     names = ", ".join(map(_shown, code))
     raise UntrustedError(
@@ -84,9 +84,11 @@ def trust(path: Path) -> tuple[str, ...]:
         if file.name in _CONFIGS:
             code = code_in(content.get("config"))
         else:
-            # Those that `bricksrl tune` found stand beside how; else they are the whole file.
+            # The settings that `bricksrl tune` found stand beside how it found them; otherwise they
+            # are the whole file.
             code = code_in_settings(dict(content.get("settings", content)))
-    # The bytes that were looked through, and not the file, which may change meanwhile.
+    # The bytes that were looked through are kept, and not the file read again, because it may
+    # change in the meantime.
     try:
         _keep(data)
     except OSError as error:
@@ -109,7 +111,7 @@ def _file_of(path: Path) -> Path | None:
 
 def _shown(name: str) -> str:
     """A name in one line."""
-    # A stranger's text may hide what it is behind spaces and ends of lines.
+    # A stranger's text may hide its true name behind spaces and line ends.
     is_plain = name.isprintable() and name == name.strip()
     return name if is_plain else repr(name)
 
@@ -126,7 +128,7 @@ def _keep(data: bytes) -> None:
 
 
 def _write(path: Path) -> None:
-    # An empty file: its name says all.
+    # The file is empty, because its name says everything.
     if not path.exists():
         write_durably(path, b"")
 
@@ -139,14 +141,14 @@ def _folders() -> list[Path]:
     """Folders of digests that only this user can write to."""
     settings = calibration_folder().parent / "trusted"
     temporary = Path(tempfile.gettempdir()) / "bricksrl-trusted"
-    # On Windows temporary files are the user's own; elsewhere all users share their folder.
+    # On Windows temporary files belong to the user, but elsewhere all users share their folder.
     if sys.platform == "win32":
         return [settings, temporary]
     user = os.getuid()
     private = temporary.with_name(f"bricksrl-trusted-{user}")
     with contextlib.suppress(OSError):
         private.mkdir(mode=0o700, exist_ok=True)
-    # Another user may have made a folder of this name before, or a link to one, to say what is
+    # Another user may have made a folder of this name before, or a link to one, to decide what is
     # trusted here.
     if private.is_symlink() or not private.is_dir():
         return [settings]

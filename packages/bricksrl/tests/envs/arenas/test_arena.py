@@ -186,7 +186,7 @@ def test_rods_of_walkers_are_drawn_between_their_pins() -> None:
     world.bodies[0].update_visuals()
     rods = [f"{name}/rod_{motor.port}" for name in "ab" for motor in WALKER.motors]
     for rod in rods:
-        drawn, pin = world.data.body(rod), world.data.site(f"{rod}_far")
+        drawn, pin = world.engine.data.body(rod), world.engine.data.site(f"{rod}_far")
         along = (pin.xpos - drawn.xpos) / np.linalg.norm(pin.xpos - drawn.xpos)
         assert drawn.xmat.reshape(3, 3)[:, 2] == pytest.approx(along, abs=1e-6)
 
@@ -217,7 +217,7 @@ def test_shafts_that_turn_only_visually_turn_with_their_own_robot(
     world.bodies[0].update_visuals()
     for name in "cd":
         w, _, _, z = world.bodies[0].model.body(f"{name}/spin_A_0").quat
-        joint = world.data.joint(f"{name}/motor_A").qpos[0]
+        joint = world.engine.data.joint(f"{name}/motor_A").qpos[0]
         assert abs(joint) > 0.3
         assert np.array([w, z]) == pytest.approx([np.cos(joint), np.sin(joint)])
 

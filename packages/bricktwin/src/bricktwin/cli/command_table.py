@@ -10,11 +10,15 @@ LINE = CommandLine(
 
 Examples:
   bricktwin run main.py --robot walker --video walk.mp4
+  bricktwin run follow.py --scene line-simple
   bricktwin plan check my_robot.ldr
   bricktwin run --help
   bricktwin --version
 """,
-    {"run": "bricktwin.cli.run_command:Run"},
+    {
+        "run": "bricktwin.cli.run_command:Run",
+        "site": "bricktwin.cli.site_command:MakeSite",
+    },
     {
         "plan": (
             "Building plans: check an LDraw file, list its parts, draw its booklet.",
@@ -22,6 +26,14 @@ Examples:
                 "check": "bricktwin.cli.plan_commands:CheckPlan",
                 "parts": "bricktwin.cli.plan_commands:PlanParts",
                 "steps": "bricktwin.cli.plan_commands:PlanSteps",
+            },
+        ),
+        "world": (
+            "Worlds: the scenes of --scene, pictures as floors.",
+            {
+                "list": "bricktwin.cli.world_commands:ListWorlds",
+                "check": "bricktwin.cli.world_commands:CheckWorld",
+                "draw": "bricktwin.cli.world_commands:DrawWorlds",
             },
         ),
         "twin": (

@@ -66,7 +66,7 @@ class CheckPlan:
         for finding in findings:
             location = f"line {finding.line}" if finding.line else "the plan"
             print_line(f"{location:9} {finding.name:13} {finding.detail}")
-        # No fault, as most motors need no stop.
+        # Most motors need no stop, so this is information and no fault.
         free = without_stops(plan)
         if free:
             remedy = (
@@ -129,14 +129,14 @@ class PlanParts:
             write_durably(self.out, as_text(entries, self.format).encode())
         else:
             for entry in entries:
-                # What is to be bought is listed as shops number it, in its colour.
+                # What has to be bought is listed in its colour by the number that shops use.
                 number = entry.part.number if self.own is None else entry.shop_number
                 name = entry.part.name
                 colour = entry.colour.name
                 print_line(
                     f"{entry.count:4} x  {number:10}{colour:20}{entry.mass_g:8.2f} g  {name}"
                 )
-        # What a list of parts cannot have, a reader still needs.
+        # The formats of shops have no place for unknown parts, but a reader needs to know of them.
         for unknown in plan.unknown:
             fault = "not in the catalogue"
             if unknown.is_file:

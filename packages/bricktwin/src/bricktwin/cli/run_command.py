@@ -17,7 +17,8 @@ if TYPE_CHECKING:
     from brickhub.target import Target
     from brickhub.virtual.body import Body
 
-ROBOT_OF_FILMS = "two-wheeler"
+ROBOT_OF_SCENES = "scout"
+"""Robot of films and scenes where none is named: it has an eye for walls and one for lines."""
 
 
 @dataclass(frozen=True)
@@ -31,29 +32,35 @@ class Run(run.Run):
 
     Without --robot, the virtual hub adapts to the program: its kind is the one that the program
     imports, and each port has the device that the program expects there. With --video or --scene,
-    the robot is the two-wheeler by default.
+    the robot is the scout by default, a 2Wheeler with a color sensor.
 
     Examples:
       bricktwin run main.py --robot walker --video walk.mp4
       bricktwin run main.py --robot my_robot.ldr --video drive.mp4
       bricktwin run main.py --robot my_robot.py --time-limit-s 60
       bricktwin run main.py --robot my_robot.ldr --scene mat.py
+      bricktwin run follow.py --scene line-simple --video follow.mp4
+      bricktwin run follow.py --scene mat.png:fll
       bricktwin run main.py --reading B=red --reading C=200mm --press left@2.5s
       bricktwin run main.py --hub ble
       bricktwin run lego_program.py --robot cart --video cart.mp4
     """
 
     robot: Annotated[str | None, option(metavar="ROBOT"), Existing(check_there)] = None
-    """Virtual robot: two-wheeler, walker, robo-arm, cart or bench; a building plan, my_robot.ldr;
-    my_robot.py."""
-    scene: Annotated[str | None, option(metavar="FILE:NAME"), Existing(check_there)] = None
-    """Scene of the virtual robot: that of a Python file, my_scene.py, or my_scene.py:MAT. By
-    default the only one in the robot's own file."""
+    """Virtual robot: two-wheeler, scout, walker, robo-arm, cart or bench; a building plan,
+    my_robot.ldr; my_robot.py."""
+    scene: Annotated[str | None, option(metavar="SCENE"), Existing(check_there)] = None
+    """Scene of the virtual robot: a world of ours, line-simple, line-sharp, line-junctions,
+    line-gaps, line-obstacles, colors, squares, maze, cans, ramps, wall, room, sumo, football,
+    blocks or table (`bricktwin world list`); a picture as the floor, mat.png:1000x700 in mm, or
+    mat.png:fll; that of a Python file, my_scene.py, or my_scene.py:MAT. By default the only one in
+    the robot's own file."""
     video: Annotated[Path | None, option(metavar="FILE")] = None
     """Film the virtual robot into this mp4 file."""
 
     def target(self, name: str) -> Target:
-        """The robot of that name. What is said of its scenes is not for one that is given."""
+        """The robot of that name. Notes about its own scenes are left out where a scene is
+        given."""
         from brickhub.target import find
 
         return super().target(name) if self.scene is None else find(name)
@@ -72,11 +79,11 @@ class Run(run.Run):
     def _made_body(self, stack: ExitStack) -> Body | None:
         if self.video is None and self.scene is None:
             return super().body(stack)
-        # Late, as a program without either needs no physics.
+        # This is imported late, because a program without a body or a scene needs no physics.
         from bricktwin.target import body_of, load_scene
 
         scene = None if self.scene is None else load_scene(self.scene)
-        target = self.target(self.robot or ROBOT_OF_FILMS)
+        target = self.target(self.robot or ROBOT_OF_SCENES)
         body = body_of(target, scene, **self.stops_of(target))
         if self.video is None:
             return self.faulty(body)
@@ -86,18 +93,18 @@ class Run(run.Run):
 
 
 def motors_without_stops(body: Body | None, program: Path) -> list[str]:
-    """Ports of a twin's motors that nothing stops, but those of its drive base, and those that the
-    program does not name, if a program waits for a motor to stall."""
+    """Ports of motors that nothing stops in a twin, if a program waits for a motor to stall. Motors
+    of the drive base are left out, and so are ports that the program does not name."""
     if body is None:
         return []
     text = program.read_text(encoding="utf-8", errors="replace")
     if "run_until_stalled" not in text:
         return []
-    # A program that names no port at all may use any of them.
+    # A program that names no port may compute it, so it may use any port.
     named = set(re.findall(r"\bPort\.([A-F])\b", text))
     base = body.robot.drive_base
     wheels = () if base is None else (base.left, base.right)
-    # A bench has the stops of the description only.
+    # A bench has no method for this: its only stops are those of the description.
     is_stopped = getattr(body, "is_stopped", lambda port: False)
     ports = []
     for motor in body.robot.motors:

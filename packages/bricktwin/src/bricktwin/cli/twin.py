@@ -69,7 +69,7 @@ class RecordMotion:
     seed: Seed = 0
     """Seed of the commands."""
     physics: Annotated[Path | None, option(metavar="FILE"), _PHYSICS] = None
-    """Physics of a virtual robot: a JSON file such as `bricktwin twin fit` writes."""
+    """Physics of a virtual robot: a JSON file such as a fit of the twin writes."""
 
     def execute(self) -> None:
         import numpy as np
@@ -153,15 +153,16 @@ class Measure:
     """
 
     robot: Annotated[Positional[str], option(metavar="ROBOT"), Existing(check_there)]
-    """Robot, as for `bricktwin twin record`."""
+    """Robot: two-wheeler, walker, robo-arm or bench; my_robot.ldr; my_robot.py; with bricksrl an
+    environment, for its robot."""
     out: Annotated[Path, option(metavar="DIR")]
     """Folder to write log.jsonl, report.html and physics.json to."""
     hub: Annotated[str, option(metavar="HUB")] = "virtual"
-    """How to reach the robot, as for `bricktwin twin record`."""
+    """How to reach the robot: virtual, ble, ble:NAME, ble:ADDRESS, usb or usb:PORT."""
     seed: Seed = 0
     """Seed of a virtual robot's noise and hands."""
     physics: Annotated[Path | None, option(metavar="FILE"), _PHYSICS] = None
-    """Physics of a virtual robot: a JSON file such as `bricktwin twin fit` writes."""
+    """Physics of a virtual robot: a JSON file such as a fit of the twin writes."""
 
     def execute(self) -> None:
         from bricktwin.measure.report import HEAD, lines, write_report
@@ -201,11 +202,11 @@ class _Reader:
     def begin(self, deed: Deed) -> None:
         print_note(f"{deed.text} Then press Enter.")
         self._answer: str | None = None
-        # In a thread, as the robot is read while the person is busy.
+        # A thread waits for the line, because the robot is read while the person is busy.
         threading.Thread(target=self._wait, daemon=True).start()
 
     def is_done(self) -> bool:
-        # A line has at least its end; only the end of the input is empty.
+        # A line has at least its end, so an empty text is the end of the input.
         if self._answer == "":
             raise TwinError(
                 "nobody is there to handle the robot: standard input ended; run it in a terminal"
@@ -234,9 +235,9 @@ class FitTwin:
         option(metavar="LOG"),
         existing_file("the log", TwinError, "give a file that `bricktwin twin record` wrote"),
     ]
-    """File that `bricktwin twin record` wrote."""
+    """File with a recorded motion."""
     robot: Annotated[str | None, option(metavar="ROBOT"), Existing(check_there)] = None
-    """Robot, as for `bricktwin twin record`; by default the built-in one that the log names."""
+    """Robot: as when it was recorded; by default the built-in one that the log names."""
     parameters: Annotated[tuple[str, ...], option(metavar="NAME")] = FITTED
     """Parameters to fit; leave out those that you know."""
     out: Annotated[Path | None, option(metavar="FILE")] = None
@@ -259,7 +260,7 @@ class FitTwin:
         robot = target.robot
         scene = target.scene
         out = self.out or self.log.with_suffix(".physics.json")
-        # Before two minutes of work, not after.
+        # This is checked before two minutes of work, not after them.
         check_writable(out)
         result = fit(
             log,

@@ -8,7 +8,8 @@ import numpy as np
 
 from brickhub.errors import TwinError
 from brickhub.virtual.virtual_transport import VirtualHub
-from bricktwin.twin.mujoco_body import MujocoBody, Pose
+from bricktwin.twin.mujoco_body import MujocoBody
+from bricktwin.twin.standing import Pose
 
 _TURN_DEG_S = 120.0
 _LIFT_M = 0.3
@@ -20,7 +21,8 @@ _GRIP_NM = 10.0
 
 @dataclass(frozen=True)
 class Deed:
-    """What the person is asked to do. The robot then stands on the floor, or is in the hand.
+    """A deed that the person is asked for, after which the robot stands on the floor or is in the
+    hand.
 
     Attributes:
         text: words for the person.
@@ -40,14 +42,13 @@ class Deed:
 
 
 class Person(Protocol):
-    """Who does it."""
+    """A person who carries out deeds: a real one, or a simulated one."""
 
     def begin(self, deed: Deed) -> None:
         """Ask for a deed."""
 
     def is_done(self) -> bool:
-        """Whether the deed that was begun last is done; the robot is read meanwhile, so it must not
-        wait."""
+        """Whether the last deed is done. The robot is read meanwhile, so this must not wait."""
 
 
 class SimulatedPerson:
@@ -76,7 +77,7 @@ class SimulatedPerson:
         self._rng = rng
         self._error_deg = error_deg
         self._error_s = error_s
-        # What a hand changes, and its values without a hand.
+        # A hand changes these values of the model, so their nominal values are kept.
         model = self._body.model
         held = (model.dof_damping, model.dof_frictionloss, model.opt.gravity)
         self._nominal = [(array, array.copy()) for array in held]
@@ -89,10 +90,10 @@ class SimulatedPerson:
 
     def begin(self, deed: Deed) -> None:
         body = self._body
-        # The hand of the last deed lets go.
+        # The hand of the deed before lets go.
         for array, nominal in self._nominal:
             array[:] = nominal
-        # The edge along which the robot lies does not move, so that errors do not add up.
+        # The edge along which the robot lies stays where it is, so that errors do not add up.
         if deed.wall_mm is None:
             self._edge_deg += deed.turn_deg
         else:
@@ -116,7 +117,7 @@ class SimulatedPerson:
     def is_done(self) -> bool:
         now_s = self._hub.now_s()
         if self._at_deg != self._aim_deg:
-            # As far as a hand turns it in the time since the last look.
+            # A hand turns the robot only so far in the time since the last look.
             most_deg = _TURN_DEG_S * (now_s - self._now_s)
             missing_deg = self._aim_deg - self._at_deg
             self._at_deg += min(max(missing_deg, -most_deg), most_deg)
@@ -125,7 +126,7 @@ class SimulatedPerson:
         return now_s >= self._done_s and self._at_deg == self._aim_deg
 
     def _lift(self, motor: str) -> None:
-        """Lift the robot, and hold what a motor turns, unless that is empty."""
+        """Lift the robot, and hold the shaft of a motor, unless its name is empty."""
         body = self._body
         model = body.model
         first_dof = int(model.body_dofadr[body.chassis])
@@ -136,7 +137,7 @@ class SimulatedPerson:
             actuator = body.actuator(body.robot.motor(motor).port)
             joint = model.actuator_trnid[actuator, 0]
             model.dof_frictionloss[model.jnt_dofadr[joint]] = _GRIP_NM
-        # In the hand it stays as it is: no error of an angle counts.
+        # A lifted robot keeps its heading, so no error of an angle is added.
         self._aim_deg = self._at_deg
 
     def _put(self) -> None:

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 _ROBOT = "#d55e00"
 _TWIN = "#0b5cad"
 _OUTSIDE = (-0.3, 1.3)
-"""Where numbers are drawn that are far outside of the range."""
+"""Places at which numbers are drawn that are far outside of the range, as shares of it."""
 HEAD = ("", "robot", "twin", "drawn twins", "")
 
 
@@ -40,7 +40,8 @@ def lines(comparison: Comparison) -> Iterator[tuple[str, str, str, str, str]]:
             twin = comparison.twin[quantity.name]
             yield name, plain_number(value), plain_number(twin), "", ""
             continue
-        # Of the nominal twin, not of the one that was measured, which has the robot's battery.
+        # The scale is that of the nominal twin, because the measured one already has the robot's
+        # battery.
         low, nominal, high = comparison.scale(quantity)
         remark = ""
         if not low <= value <= high:
@@ -96,7 +97,7 @@ def _plots(log: SessionLog, comparison: Comparison) -> str:
     left, right = figure.subplots(1, 2, width_ratios=(3, 2))
     _draw_ranges(left, comparison)
     delays_ms = [row.delay_ms for row in log.rows]
-    # Few exchanges are late: only a logarithm shows them.
+    # Only a logarithmic scale shows the few exchanges that are late.
     right.hist(
         delays_ms,
         bins=60,
@@ -110,7 +111,7 @@ def _plots(log: SessionLog, comparison: Comparison) -> str:
     )
     buffer = io.StringIO()
     figure.savefig(buffer, format="svg")
-    # Within a page, SVG has no header of an XML file.
+    # An SVG within a page has no XML header, so what is before the tag goes.
     _, tag, rest = buffer.getvalue().partition("<svg")
     return tag + rest
 
@@ -125,7 +126,8 @@ def _draw_ranges(axes: Axes, comparison: Comparison) -> None:
     ]
     for place, quantity in enumerate(shown):
         low, nominal, high = comparison.scale(quantity)
-        # Each number has a unit and a range of its own: 0 is its lowest twin, 1 its highest.
+        # Each number has its own unit and range, so it is drawn as a share: 0 is its lowest twin, 1
+        # its highest.
         nominal_share = (nominal - low) / (high - low)
         value = comparison.robot[quantity.name]
         robot_share = (value - low) / (high - low)
@@ -168,7 +170,8 @@ def _draw_ranges(axes: Axes, comparison: Comparison) -> None:
             ha="right",
         )
     axes.set_yticks(range(len(shown)), [quantity.name for quantity in shown])
-    # Shares are no numbers for a reader: the ends have theirs beside them.
+    # The axis has no numbers, because a share means nothing to a reader; the real ends are written
+    # beside it.
     axes.set_xlim(-0.35, 1.35)
     axes.set_xticks([])
     axes.invert_yaxis()

@@ -22,9 +22,9 @@ from bricktwin.twin.physics import PARAMETERS, Physics
 from bricktwin.twin.scene import OPEN_FLOOR, Scene
 
 LATE_MS = 150.0
-"""Time of an exchange from which on it counts as late."""
+"""Exchanges that take this time or longer count as late."""
 _ENDS = 5
-"""Answers at either end of the rest, whose mean counts."""
+"""Number of answers at either end of the rest, of which the mean is taken."""
 _STARTING_MS = 400
 """Time in which a motor gets up to speed."""
 _GRAVITY_MM_S2 = 9810.0
@@ -55,7 +55,8 @@ others."""
 
 def quantities(robot: Robot) -> tuple[Quantity, ...]:
     """All that can be measured of a robot."""
-    # By small angles: what an accelerometer's bias of 1 mm/s2 adds to a tilt.
+    # An accelerometer's bias b adds atan(b / g) to a tilt, which for small angles is b / g; this is
+    # for 1 mm/s2.
     tilt_deg = math.degrees(1.0 / _GRAVITY_MM_S2)
     motors = []
     for number, motor in enumerate(robot.motors, 1):
@@ -114,7 +115,7 @@ def measured(log: SessionLog) -> dict[str, float]:
     phases: dict[str, list[Row]] = {}
     for row in log.rows:
         phases.setdefault(row.phase, []).append(row)
-    # What a session had no time or no sensor for, its log does not have.
+    # A session without the time or the sensor for a number has no rows for it.
     numbers = _link(log.rows)
     if {"rest", "turned"} <= phases.keys():
         numbers |= _inertial(log.rows)
@@ -123,7 +124,7 @@ def measured(log: SessionLog) -> dict[str, float]:
     for phase, answers in phases.items():
         kind, _, motor = phase.partition(" ")
         if kind == "free":
-            # Both ways, as a motor may be faster one way than the other.
+            # Both directions are measured, because a motor may be faster in one of them.
             forward_deg_s = _speed(answers, motor)
             back_deg_s = _speed(phases[f"back {motor}"], motor)
             numbers[f"speed of {motor}, free"] = (forward_deg_s + back_deg_s) / 2
@@ -176,7 +177,7 @@ def _slanting_wall(rows: Iterable[Row]) -> dict[str, float]:
 def _distances(rows: Iterable[Row]) -> tuple[NDArray[np.float64], float]:
     """Distances of the readings that have an echo (mm) ``[n]``, and the share of others, %."""
     readings_mm = _column(rows, "distance")
-    # A sensor that hears nothing reports its largest distance.
+    # A sensor that hears nothing reports its largest distance, which is no measurement.
     heard_mm = readings_mm[readings_mm < UltrasonicSensor.FARTHEST_MM]
     failed_pct = 100.0 * (1.0 - len(heard_mm) / len(readings_mm))
     return heard_mm, failed_pct
@@ -197,7 +198,7 @@ def _speed(rows: list[Row], motor: str) -> float:
     running = [row for row in rows if row.time_ms >= begin_ms]
     times_s = np.array([row.time_ms / 1000 for row in running])
     angles_deg = _column(running, f"{motor}_angle")
-    # The slope of a straight line, which the noise of the first and the last angle hardly moves.
+    # The slope of a fitted line is hardly moved by the noise of the first and the last angle.
     slope_deg_s, _ = np.polyfit(times_s, angles_deg, 1)
     return abs(float(slope_deg_s))
 
@@ -206,7 +207,8 @@ def _inertial(rows: Iterable[Row]) -> dict[str, float]:
     """Numbers of gyroscope and accelerometer. Half a turn separates their tilt from that of the
     table."""
     turning = [row for row in rows if "heading" in row.values]
-    # Headings are wrapped on the wire; the answers while somebody turns the robot count them on.
+    # The wire wraps headings, so they are unwrapped here, for which the answers are close enough
+    # together.
     headings_deg = np.unwrap(_column(turning, "heading"), period=360.0)
     times_min = np.array([row.time_ms / 60_000 for row in turning])
     pitch_deg = _column(turning, "pitch")
@@ -225,18 +227,20 @@ def _inertial(rows: Iterable[Row]) -> dict[str, float]:
             float(turned[:_ENDS].mean()),
         )
 
-    # The gyroscope drifts while the robot is turned, too.
+    # The gyroscope also drifts while the robot is turned, so that drift is subtracted from the
+    # turn.
     first_min, last_min, after_min = ends(times_min)
     first_deg, last_deg, after_deg = ends(headings_deg)
     drift_deg_min = (last_deg - first_deg) / (last_min - first_min)
     drift_deg = drift_deg_min * (after_min - last_min)
     turn_deg = after_deg - last_deg - drift_deg
 
-    # The noise of both tilts is one parameter of a twin: their root mean square.
+    # A twin has only one parameter for the noise of both tilts, so their root mean square is
+    # compared.
     pitch_noise_deg = pitch_deg[is_rest].std()
     roll_noise_deg = roll_deg[is_rest].std()
     tilt_noise_deg = np.hypot(pitch_noise_deg, roll_noise_deg) / math.sqrt(2.0)
-    # Of the two places, half a turn apart, the table's tilt cancels out.
+    # The robot has been turned by half a turn, so the tilt of the table cancels out in these sums.
     pitch_sum_deg = pitch_deg[is_rest].mean() + pitch_deg[is_turned].mean()
     roll_sum_deg = roll_deg[is_rest].mean() + roll_deg[is_turned].mean()
     return {
@@ -277,7 +281,8 @@ class Comparison:
     def scale(self, quantity: Quantity) -> tuple[float, float, float]:
         """Lowest, nominal and highest number of the twins that are drawn."""
         parameter = PARAMETERS[quantity.parameter]
-        # Where a factor is negative, the lowest number has the highest parameter.
+        # The ends are sorted, because with a negative factor the lowest number belongs to the
+        # highest parameter.
         low, high = sorted(self.at(quantity, end) for end in parameter.random_range)
         default = getattr(Physics(), quantity.parameter)
         nominal = self.at(quantity, default)
@@ -305,7 +310,7 @@ class Comparison:
             values.setdefault(parameter, []).append(value)
         fitted = {}
         for parameter, estimates in values.items():
-            # A robot with a fault may be beyond all that a twin can be.
+            # The numbers of a faulty robot may be beyond anything that a twin can be.
             low, high = PARAMETERS[parameter].allowed_range
             mean = np.mean(estimates)
             fitted[parameter] = float(np.clip(mean, low, high))
@@ -316,10 +321,10 @@ def compare(log: SessionLog, robot: Robot) -> Comparison:
     """A robot's log beside its twin. A robot without a body that moves has no twin to measure."""
     numbers = measured(log)
     known = quantities(robot)
-    # The speed of motors depends on the battery, so the twin gets the robot's.
+    # Motor speeds depend on the battery, so the twin gets that of the robot.
     battery_v = numbers.get("battery at rest", Physics().battery_v)
     low_v, high_v = PARAMETERS["battery_v"].allowed_range
-    # The twin's own noise would be added to the noise that is measured.
+    # The twin must not add noise of its own to the noise that was measured.
     noise_free: dict[str, float] = {}
     for quantity in known:
         if "noise" in quantity.parameter and quantity.name in numbers:

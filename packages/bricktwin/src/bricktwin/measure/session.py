@@ -69,7 +69,7 @@ ASLANT = Deed(
 
 
 def held(motor: str) -> Deed:
-    """The deed of holding what a motor turns."""
+    """A deed: holding what a motor turns."""
     return Deed(f"Hold fast what motor '{motor}' turns.", is_lifted=True, holds=motor)
 
 
@@ -98,7 +98,7 @@ class _Volts(Channel):
     expression: ClassVar[str] = "(hub.battery.voltage() / 1000)"
 
     def check(self, robot: Robot) -> None:
-        """Each hub has a battery."""
+        """Do nothing, because each hub has a battery."""
 
 
 @dataclass(frozen=True)
@@ -188,7 +188,7 @@ class _Session:
             command_ms = 0
         else:
             answer = self._link.act(command)
-            # The hub answers when the command has ended.
+            # The hub answers only when the command has ended.
             command_ms = _STEP.time_ms
         delay_ms = answer.round_trip_s * 1000 - command_ms
         self.rows.append(
@@ -216,7 +216,8 @@ def measure(
         about: what else is to be known of robot and computer, for the log.
     """
     session = _Session(transport, robot, person)
-    # Motors that may turn on and on; of several ultrasonic sensors the first one.
+    # The motors without a range may turn on and on. Of several ultrasonic sensors the first one is
+    # measured.
     motors = [motor.name for motor in robot.motors if motor.range_deg is None]
     eyes = [sensor.name for sensor in robot.sensors if sensor.kind.model.range_mm is not None]
     if robot.needs_imu:
@@ -231,7 +232,7 @@ def measure(
             session.watch("wall", _WALL_S)
             session.ask(ASLANT)
             session.watch("aslant", _WALL_S)
-    # Motors last, as legs stand otherwise afterwards.
+    # The motors come last, because legs stand differently afterwards.
     if motors:
         angles = [MotorAngle(name, -180.0, 180.0) for name in motors]
         with session.link((*angles, _Volts()), motors):

@@ -20,7 +20,7 @@ from bricktwin.plans.geometry import Floats
 from bricktwin.plans.ldraw_file import Marks, Reference
 
 _NEAR = 2.0
-"""Distance at which a piece is at its place, LDU. Its direction is free: shafts turn."""
+"""Largest distance of a piece from its place, LDU. Its direction is free, because shafts turn."""
 _OWN_COLOUR = 16
 
 
@@ -124,7 +124,7 @@ def composed(references: list[Reference]) -> list[Reference]:
     for reference in references:
         expanded += _expanded(reference)
     numbers = [_number(reference) for reference in expanded]
-    # Most models have none, and need no search.
+    # Most models hold no piece of a whole, so the search below is skipped for them.
     if not any(number in _wholes() for number in numbers):
         return expanded
     merged: set[int] = set()
@@ -147,7 +147,7 @@ def composed(references: list[Reference]) -> list[Reference]:
                 found.append((whole, included))
         if not found:
             continue
-        # Two kinds of hubs have the same case: the one with more of the pieces is it.
+        # Two kinds of hubs share one case, so the kind of which more pieces are found is taken.
         whole, included = max(found, key=lambda candidate: len(candidate[1]))
         expanded[index] = _with_marks(whole, [expanded[other] for other in included])
         merged.update(included)
@@ -187,7 +187,8 @@ def completed(
                     set(taken),
                 )
             )
-            # The kind that it is already comes first, and stays unless another one has more.
+            # The kind that the file names is tried first, and gives way only to one with more
+            # pieces.
             if len(pieces) > len(best_pieces):
                 best = whole
                 best_pieces = pieces
@@ -202,7 +203,7 @@ def _kinds_of(reference: Reference) -> Iterator[tuple[Reference, Assembly]]:
     for own, first in _wholes()[_number(reference)]:
         yield _whole(reference, own, first), own
         begin = own.pieces[0]
-        # The line of the case, which all of these kinds have in common.
+        # The offset is measured at the case, because all of these kinds have the same case.
         case_offset = reference.matrix @ begin.place + reference.offset
         case = replace(reference, name=f"{begin.number}.dat", offset=case_offset)
         for other, other_first in _wholes()[begin.number]:
@@ -211,7 +212,7 @@ def _kinds_of(reference: Reference) -> Iterator[tuple[Reference, Assembly]]:
 
 
 def _number(reference: Reference) -> str:
-    """Number of what a line places, in the catalogue if it is there under another one."""
+    """Number of the part that a line places: the catalogue's, if it is there under another one."""
     number = reference.name.lower().removesuffix(".dat")
     part = catalogue.find(number)
     return number if part is None else part.number
@@ -226,7 +227,7 @@ def _expanded(reference: Reference) -> Iterator[Reference]:
     for number, piece in enumerate(shortcut.pieces):
         offset = reference.matrix @ piece.place + reference.offset
         colour = reference.colour if piece.colour == _OWN_COLOUR else piece.colour
-        # What our comments say, they say of one part: the first piece.
+        # Comments of ours describe a single part, so they belong to the first piece only.
         marks = reference.marks if number == 0 else Marks().marks
         yield replace(
             reference,
@@ -242,9 +243,9 @@ def _whole(
     assembly: Assembly,
     first: Piece,
 ) -> Reference:
-    """The whole that a first piece belongs to."""
+    """The line of the whole part to which a first piece belongs."""
     offset = reference.offset - reference.matrix @ first.place
-    # The number of the first piece may be that of the whole as well.
+    # The first piece and the whole may share a number, which then is already in the catalogue.
     is_known_part = catalogue.find(reference.name) is not None
     name = reference.name if is_known_part else f"{assembly.number}.dat"
     return replace(reference, name=name, offset=offset)
@@ -270,7 +271,7 @@ def _included(
 
 
 def _with_marks(whole: Reference, pieces: Sequence[Reference]) -> Reference:
-    """A part with what our comments say of it, or of one of its pieces."""
+    """A part with the marks from our comments on it, or on one of its pieces."""
     for piece in pieces:
         if whole.port is None and piece.port is not None:
             whole = replace(

@@ -19,18 +19,21 @@ from bricktwin.plans.part import Fit, Site
 from bricktwin.plans.plan import Placed
 
 RATE_LENGTH = 100.0
-"""LDU: scales angular rates, so that linear and angular rates have the same magnitude."""
+"""Length by which angular rates are scaled (LDU), so that they have the same magnitude as linear
+ones."""
 _RANK_TOLERANCE = 1e-4
 """Singular values of constraints below this count as 0."""
 _MOTION_TOLERANCE = 1e-4
 """Difference of rates up to which two bodies move alike."""
 _AXIS_TOLERANCE = 1.5
-"""LDU between two lines that are one axis."""
+"""Largest distance of two lines that count as one axis, LDU."""
 MAX_BODIES = 250
-"""No motions are computed above this number."""
+"""Largest number of bodies for which motions are computed."""
 _MAX_LOOSE_DISTANCE = 60.0
-"""LDU between the origins of a part with unmodelled connections and of the part that holds it."""
-# Distances between bush and beam, LDU, at which an axle still cannot slide: up to 3.6 mm of play.
+"""Largest distance between the origins of a part with unmodelled connections and of the part that
+holds it, LDU."""
+# An axle counts as stopped between these distances of bush and beam (LDU), because real stops leave
+# up to 3.6 mm of play.
 _STOP_LOW = -2.0
 _STOP_HIGH = 9.0
 
@@ -64,7 +67,7 @@ class BodyJoint:
             first, second = second, first
         is_reversed = first != self.bodies[0]
         sign = -1.0 if self.motor is not None and is_reversed else 1.0
-        # The angular rates of a body are the last three of its six rows.
+        # The angular rates are the last three of a body's six rows, and only they show a turn.
         first_rates = motions[6 * first + 3 : 6 * first + 6]
         second_rates = motions[6 * second + 3 : 6 * second + 6]
         return np.asarray(sign * self.axis @ (second_rates - first_rates))
@@ -101,14 +104,15 @@ class Bodies:
                 is_ball=joint.is_ball,
             )
             rows.append(_rows(count, (joint.bodies[0], block), (joint.bodies[1], -block)))
-        # Else such a spin would count as a motion of the mechanism.
+        # A rod between two balls may spin about itself. Without this row, its spin would count as a
+        # motion of the mechanism.
         for body, axis in self._free_spins():
             spin = np.concatenate([np.zeros(3), axis])[None]
             rows.append(_rows(count, (body, spin)))
         for first, second, mesh in self.meshes:
             linear = mesh.motion[:, :3]
             angular = mesh.motion[:, 3:] / RATE_LENGTH
-            scaled = np.concatenate([linear, angular], axis=1)
+            scaled = np.concatenate([linear, angular], axis=1)  # [2, 6]
             rows.append(_rows(count, (first, scaled[:1]), (second, scaled[1:])))
         return _null_space(np.concatenate(rows))
 
@@ -123,15 +127,17 @@ class Bodies:
                 continue
             axis = joints[1].point - joints[0].point
             length = np.linalg.norm(axis)
-            # Two balls in one place leave every direction free.
+            # Two balls in one place leave every direction free, so there is no single axis to
+            # block.
             if length > _AXIS_TOLERANCE:
                 yield body, axis / length
 
 
 def _null_space(rows: Floats) -> Floats:
     """Orthonormal basis [m, n] of the null space of ``rows`` [k, m]."""
-    # The eigenvalues of this product are the squares of the singular values; it stays small,
-    # however many constraints there are.
+    # The eigenvalues of rows.T @ rows are the squares of the singular values of rows. This product
+    # stays small however many constraints there are, which a singular value decomposition would
+    # not.
     eigenvalues, eigenvectors = np.linalg.eigh(rows.T @ rows)
     return np.asarray(eigenvectors[:, eigenvalues < _RANK_TOLERANCE**2])
 
@@ -149,7 +155,7 @@ def _joint_rows(
     first = np.cross(axis, helper)
     first /= np.linalg.norm(first)
     normals = [first, np.cross(axis, first)]
-    # No velocity of the common point across the axis, nor along it unless it slides.
+    # The common point may not move across the axis, and along it only if the joint slides.
     blocked = normals if slides else [*normals, axis]
     rows = [
         np.concatenate([direction, np.cross(point, direction) / RATE_LENGTH])
@@ -157,7 +163,7 @@ def _joint_rows(
     ]
     if is_ball:
         return np.array(rows)
-    # No turning across the axis, nor about it if it is braked.
+    # The body may not turn across the axis, and about it only if the joint is not braked.
     fixed = normals if turns else [*normals, axis]
     rows += [np.concatenate([np.zeros(3), direction]) for direction in fixed]
     return np.array(rows)
@@ -207,10 +213,11 @@ def find_bodies(
     count = len(parts)
     links = []
     for connection in connections:
-        # What cannot be put together holds nothing.
+        # Two parts that cannot be put together do not hold each other.
         if not connection.fits or connection.is_crossed:
             continue
-        # What is in a motor's shaft is connected to its rotor.
+        # A rotor has the number of its motor plus `count`: what is in the shaft turns with the
+        # rotor, not with the case.
         male = connection.male + count * connection.male_site.turns
         female = connection.female + count * connection.female_site.turns
         links.append(_Link(connection, male, female))
@@ -220,7 +227,8 @@ def find_bodies(
             _join(groups, link.male, link.female)
     _join_fasteners(parts, links, groups)
     _join_loose(parts, groups)
-    # Bodies that are joined may share an axis less, or hold a third one: until nothing changes.
+    # Joining bodies may remove an axis between them, or enclose a third body, so this is repeated
+    # until nothing changes.
     while True:
         while _merge_rigid(links, groups):
             pass
@@ -242,7 +250,7 @@ def _bodies(
     number_of = {root: number for number, root in enumerate(roots)}
     joints = []
     for motor in motors:
-        # A motor that is not connected to the heaviest body is left out.
+        # A motor that is not connected to the heaviest body is no part of the mechanism.
         if groups[motor] not in number_of:
             continue
         placed = parts[motor]
@@ -265,7 +273,7 @@ def _bodies(
         can_slide = frozenset((first, second)) in sliding
         pair = (number_of[first], number_of[second])
         for bundle in bundles:
-            # The first one of a bundle is one that cannot slide, if there is any.
+            # Bundles begin with a connection that cannot slide, if they have any.
             connection = bundle[0].connection
             point, axis = _line_of(bundle)
             slides = connection.is_axle and can_slide
@@ -279,7 +287,7 @@ def _bodies(
                     connection.is_ball,
                 )
             )
-    # Teeth that nearly mesh turn nothing; the check of plans names them.
+    # Teeth that nearly mesh turn nothing here; `check` reports them to the author.
     geared_bodies = []
     for mesh in meshes:
         first = groups[mesh.first]
@@ -290,7 +298,7 @@ def _bodies(
     rotors: list[tuple[int, ...]] = []
     for root in roots:
         members.append(tuple(part for part in range(count) if groups[part] == root))
-        # A rotor is a node behind all parts (`_Link`).
+        # Rotors are numbered after all parts (see `_Link`).
         rotors.append(tuple(motor for motor in motors if groups[motor + count] == root))
     bodies = Bodies(
         tuple(members),
@@ -323,19 +331,22 @@ def _bundles(links: Sequence[_Link], groups: _Groups) -> dict[tuple[int, int], l
 def _line_of(bundle: Sequence[_Link]) -> tuple[Floats, Floats]:
     """Midpoint and direction of coaxial connections; independent of their order."""
     axis = bundle[0].connection.axis
-    # The largest component is positive; rounded, so that equal components are told apart by their
-    # place and not by their last digit.
+    # The largest component is made positive, so that an axis and its reverse are one line. Rounding
+    # keeps the last digit from deciding between components that are equal.
     largest = int(np.argmax(np.abs(np.round(axis, 6))))
     axis = axis * np.sign(axis[largest])
     points = np.array([link.connection.point for link in bundle])  # [n, 3]
-    along = points @ axis
+    along = points @ axis  # [n]
     middle = (along.min() + along.max()) / 2
     mean = points.mean(axis=0)
-    return mean + axis * (middle - float(mean @ axis)), axis
+    # The mean of the points averages their errors across the axis, but along it the middle of both
+    # ends counts.
+    to_middle = middle - float(mean @ axis)
+    return mean + axis * to_middle, axis
 
 
 def _is_coaxial(first: Connection, second: Connection) -> bool:
-    # A ball joint has a point, but no axis.
+    # A ball joint has a point but no axis, so nothing can be coaxial with it.
     is_ball = first.is_ball or second.is_ball
     return not is_ball and lines_coincide(
         first.point,
@@ -360,7 +371,8 @@ def _join_fasteners(
             fixed.update((link.male, link.female))
     for link in links:
         sites = parts[link.connection.male].part.sites
-        # Such as a pin, whose sites are all on one line; a beam with a pin on it is no fastener.
+        # All sites of a fastener, for example of a pin, are on one line. A beam with a pin on it
+        # has sites elsewhere too.
         lines = {(site.axis, site.centre[1], site.centre[2]) for site in sites}
         is_fastener = len(lines) == 1
         if is_fastener and link.male not in fixed and not link.connection.is_ball:
@@ -377,7 +389,8 @@ def _join_loose(parts: Sequence[Placed], groups: _Groups) -> None:
         others = held_parts
         if placed.part.family == "tyres":
             others = [other for other in others if other.part.family == "wheels"]
-        # A chain's links keep their place, while its gears turn.
+        # The links of a chain are drawn at rest while its gears turn, so a chain is held by what
+        # holds still.
         is_chain = placed.part.family == "chains"
         if is_chain:
             others = [other for other in others if other.part.family in ("beams", "hubs", "motors")]
@@ -395,9 +408,11 @@ def _merge_rigid(links: Sequence[_Link], groups: _Groups) -> bool:
     for pair, bundles in _bundles(links, groups).items():
         if len(bundles) < 2:
             continue
-        # Two axes at least: about a single one they could turn.
+        # Bodies with a single common axis can turn about it, so only pairs with two axes are
+        # tested.
         connections = [bundle[0].connection for bundle in bundles]
-        # Near to the origin the numbers are small, and the rank is certain.
+        # Points are taken relative to the first one: far from the origin, large numbers would blur
+        # the rank.
         origin = connections[0].point
         blocks = [
             _joint_rows(
@@ -426,7 +441,7 @@ def _merge_equal_motions(
         rates = motions[6 * number : 6 * number + 6]
         for other in range(number):
             other_rates = motions[6 * other : 6 * other + 6]
-            # With no motions at all, every body is at rest.
+            # `initial` covers a mechanism without motions, in which every body is at rest.
             difference = np.abs(other_rates - rates).max(initial=0.0)
             if difference < _MOTION_TOLERANCE:
                 _join(groups, root, roots[other])
@@ -447,7 +462,7 @@ def _ordered(
     for placed in parts:
         masses[groups[placed.index]] += placed.part.mass_g
     neighbours: dict[int, set[int]] = defaultdict(set)
-    # A motor's case holds its rotor.
+    # A motor's case holds its rotor, although no connection says so.
     pairs = [(link.male, link.female) for link in links]
     pairs += [(motor, motor + count) for motor in motors]
     for first, second in pairs:
@@ -468,7 +483,7 @@ def _sliding(
     for link in links:
         if link.connection.is_axle and groups[link.male] == groups[link.female]:
             fixed_to[link.male].append(link.connection)
-    # For each pair of bodies, how many stops there are in each of the two directions.
+    # A joint slides unless it is stopped in both directions, so stops are counted for each of them.
     stops: dict[frozenset[int], list[int]] = defaultdict(lambda: [0, 0])
     for link in links:
         first = groups[link.male]
@@ -477,7 +492,8 @@ def _sliding(
         if not connection.is_axle or first == second:
             continue
         ends = stops[frozenset((first, second))]
-        # Parallel axles have the same two directions, whichever of the bodies has the axle.
+        # Axles of both bodies may point either way. The sign of the largest component gives them
+        # one common direction.
         largest = int(np.argmax(np.abs(connection.axis)))
         order = 1 if first < second else -1
         is_forward = float(np.sign(connection.axis[largest])) * order > 0

@@ -18,22 +18,23 @@ from bricktwin.plans.geometry import Bools, Floats
 from bricktwin.plans.plan import Placed, Plan, Step
 
 _MARGIN = 0.8
-"""LDU; with the sampling depth, overlaps up to 0.7 mm are tolerated, as real parts are slightly
-smaller."""
+"""Depth at which a point counts as inside, LDU. Together with the sampling depth, overlaps up to
+0.7 mm are tolerated, because real parts are slightly smaller."""
 _MIN_POINTS = 2
-"""Minimum number of points inside."""
-# Limits of the collision search: a file may be a heap of parts in one place.
+"""Least number of points inside of another part that make a collision."""
+# These limits end the collision search, because a file may hold a heap of parts in one place.
 _MAX_PAIRS = 200
-"""Colliding pairs that are found."""
+"""Largest number of colliding pairs that are found."""
 _MAX_COMPARED = 50_000
-"""Pairs that are compared."""
-# Limits of the search for paths.
+"""Largest number of pairs that are compared."""
+# These limits end the search for paths, because its time grows with the number of trials.
 _MAX_QUERIES = 6000
-"""Collision queries per plan."""
+"""Largest number of collision queries for a plan."""
 _MAX_ITEMS = 60
-"""Parts per step."""
+"""Largest number of parts in a step whose paths are searched."""
 _SKIN = 1.5
-"""LDU by which the bounds of a part are smaller where parts that touch are looked for."""
+"""Length by which the bounds of a part are made smaller (LDU) to find overlaps that are more than a
+touch."""
 
 
 class Occupancy:
@@ -104,7 +105,6 @@ class Occupancy:
         """Parts with bounds that overlap those of a moved part [n]."""
         low = self.low[index] + shift + _SKIN
         high = self.high[index] + shift - _SKIN
-        # Boxes overlap where they overlap along each of the three axes.
         overlaps = (low < self.high) & (self.low < high)  # [n, 3]
         return np.asarray(overlaps.all(axis=1))
 
@@ -115,10 +115,10 @@ class Occupancy:
         shift: Floats,
     ) -> bool:
         families = {self._parts[index].part.family, self._parts[other].part.family}
-        # Links are flexible, and lie between teeth.
+        # Chain links are flexible and lie between teeth, so their overlaps are no collisions.
         if "chains" in families:
             return False
-        # A tyre is pulled over its rim.
+        # A tyre is no obstacle while it moves, because it gives way when it is pulled over its rim.
         if "tyres" in families and shift.any():
             return False
         return self._inside(index, other, shift) or self._inside(other, index, -shift)
@@ -131,7 +131,7 @@ class Occupancy:
     ) -> bool:
         """Whether points of a part, moved, lie in another."""
         points = self._parts[index].samples + shift  # [n, 3]
-        # Most points are not even in the other part's box, which is a cheap test.
+        # Most points are not even in the other part's box, and the test for that is cheap.
         is_in_box = (points > self.low[other]) & (points < self.high[other])
         near = is_in_box.all(axis=1)
         if np.count_nonzero(near) < _MIN_POINTS:
@@ -139,7 +139,7 @@ class Occupancy:
         target = self._parts[other]
         inner = target.to_part(points[near])
         holes = open_holes(self._parts[index], shift, target)
-        # In large overlaps a few points are enough.
+        # A large overlap needs no precise count, so a few of its points are enough.
         few = inner[::23]
         for sample in (few, inner):
             blocked = target.part.blocks(sample, _MARGIN, holes)
@@ -187,13 +187,13 @@ class Move(NamedTuple):
 
     @property
     def parts(self) -> list[int]:
-        """All parts."""
+        """Indices of all parts of the items."""
         return [part for item in self.items for part in item]
 
 
 def links_of(parts: Sequence[Placed], connections: Iterable[Connection]) -> _Links:
-    """The connections of each part. A pin, which has a collar, is drawn out to the side where most
-    of it is."""
+    """The connections of each part. A pin is drawn out to the side where most of it is, because it
+    has a collar there."""
     links: dict[int, list[tuple[int, Floats]]] = defaultdict(list)
     for link in connections:
         middle = np.mean(parts[link.male].bounds, axis=0)
@@ -221,9 +221,10 @@ def step_faults(
         new = [part for item in items for part in item]
         after = before | set(new)
         built[step.assembly] = after
-        # In the first step, everything must hang on one part.
+        # In the first step nothing stands yet, so all of its parts must hang on its main part.
         starts = before or [_main_part(plan, new)]
-        # The groups are nodes below 0 (`neighbours`); they are there all the time.
+        # Groups are nodes below 0 (see `neighbours`). They are always included, because they hold
+        # their parts at all times.
         nodes = after | set(range(-len(groups), 0))
         graph_now = {node: [other for other in graph[node] if other in nodes] for node in nodes}
         held = reached(starts, graph_now)
@@ -267,7 +268,7 @@ def moves_of(
     present = np.zeros(len(occupancy.low), dtype=bool)
     present[list(after)] = True
     is_first = sum(len(item) for item in items) == len(after)
-    # In the first step, the first item lies on the table: the others are put on it.
+    # In the first step, the first item lies on the table and the others are put on it.
     on_table = items[:1] if is_first else []
     remaining = list(items[1:] if is_first else items)
     removed: list[Move] = []
@@ -304,7 +305,7 @@ def _free_direction(
 ) -> Floats | None:
     """The first direction [3] in which parts can be removed from others."""
     for direction in _directions(parts, links):
-        # From near to far, up to the first distance at which something is in the way.
+        # Distances are tried from near to far, so the search ends at the first one that is blocked.
         shifts = (direction * distance for distance in _PATH_LDU)
         if all(occupancy.is_free(parts, others, shift) for shift in shifts):
             return direction
@@ -313,7 +314,8 @@ def _free_direction(
 
 def _groups(remaining: Sequence[tuple[int, ...]], links: _Links) -> Iterator[list[tuple[int, ...]]]:
     """Groups to remove together: each item, each with the new items that it touches, all items."""
-    # The author's order is a way to build it: what was put on last comes off first.
+    # The author's order is one way to build the model, so its reverse is the best guess for taking
+    # it apart.
     for item in reversed(remaining):
         yield [item]
     for item in reversed(remaining):
@@ -333,7 +335,8 @@ def _directions(parts: Sequence[int], links: _Links) -> list[Floats]:
     for part in parts:
         axes += [axis for other, axis in links[part] if other not in parts]
     axes += list(np.eye(3))
-    # Each line once: most connections of a part are parallel, and each trial costs queries.
+    # Most connections of a part are parallel and each trial costs queries, so each line is tried
+    # once.
     directions: list[Floats] = []
     for axis in axes:
         if not any(abs(float(axis @ direction)) > 0.999 for direction in directions):

@@ -22,9 +22,10 @@ _SPINNING = ("axles", "pins", "bushes")
 _REACH = 40.0
 """Distance at which an unknown part may hold others, LDU: half of a Brick 2 x 4."""
 _SLACK_MM = 30.0
-"""Length of a cable that its bends need."""
+"""Length that the bends of a cable need."""
 _Mistake = tuple[int, str, str]
-"""Line in the file, 0 for the whole plan; name; what is wrong and what to do."""
+"""A mistake: its line in the file (0 for the whole plan), its name, and what is wrong and what to
+do."""
 
 
 @dataclass(frozen=True)
@@ -73,13 +74,14 @@ def check(plan: Plan) -> list[Finding]:
 
 
 def held_by_unknown(plan: Plan, unknowns: Iterable[Unknown]) -> list[frozenset[int]]:
-    """The parts around each place of unknown parts, which may hold them together."""
+    """The parts around each place of unknown parts, which may hold these parts together."""
     low = np.array([placed.bounds[0] for placed in plan.parts]).reshape(-1, 3)
     high = np.array([placed.bounds[1] for placed in plan.parts]).reshape(-1, 3)
     groups = []
     for unknown in unknowns:
         for position in unknown.positions:
-            # How far a part's bounds are from the place [n]; below 0 where it is inside of them.
+            # A gap below 0 [n] means that the place is inside of a part's bounds, which is near
+            # too.
             gap = np.maximum(low - position, position - high).max(axis=1)
             groups.append(frozenset(np.flatnonzero(gap < _REACH).tolist()))
     return groups
@@ -102,7 +104,8 @@ def _check_count(plan: Plan) -> Iterator[_Mistake]:
         if held:
             text += f"; what it holds, of {counted(len(held), 'part')} around it, is not checked"
         yield unknown.lines[0], "missing file" if unknown.is_file else "unknown part", text
-    # Every line that places something counts, also what we do not know, or cannot read.
+    # Unknown and unreadable parts count too, because each line that places something is a part of
+    # the robot.
     unknown_count = sum(len(unknown.lines) for unknown in plan.unknown)
     count = len(plan.parts) + unknown_count + len(plan.drawn) + len(plan.faults)
     if plan.count not in (None, count):
@@ -193,7 +196,8 @@ def _check_motions(
     structure: Structure,
     guesses: Sequence[frozenset[int]],
 ) -> Iterator[_Mistake]:
-    """Parts that move although all motors are braked, and motors that cannot turn."""
+    """Findings on parts that move although all motors are braked, and on motors that cannot
+    turn."""
     bodies = structure.bodies
     if len(bodies.members) > MAX_BODIES:
         yield (
@@ -211,7 +215,8 @@ def _check_motions(
         guessed = frozenset().union(*guesses)
         for number, members in enumerate(bodies.members):
             rates = _remove_spin(plan, members, motions[6 * number : 6 * number + 6])
-            # What is marked as free shall move, and what is next to unknown parts may be held.
+            # Parts that are marked as free are meant to move, and parts next to unknown ones may be
+            # held by these.
             may_move = any(plan.parts[part].is_free or part in guessed for part in members)
             if may_move or np.abs(rates).max() < _MIN_RATE:
                 continue
@@ -240,7 +245,8 @@ def _remove_spin(
     axis = bars[0].rotation[:, 0]
     point = bars[0].position / RATE_LENGTH
     angular = rates[3:]
-    # The velocity of a point on the axis, which a spin does not change, and what else turns it.
+    # The spin is removed by keeping only what it leaves alone: the velocity of a point on the axis,
+    # and the angular rate across it.
     linear = rates[:3] + np.cross(angular, point, axis=0)
     across = angular - np.outer(axis, axis @ angular)
     return np.concatenate([linear, across])
@@ -359,7 +365,8 @@ def _cable(
 ) -> Iterator[_Mistake]:
     length_mm = placed.electric.cable_mm
     way = hub.point(position) - placed.point(placed.electric.plug)
-    # Straight through everything, so that only what surely is too far is named.
+    # The way goes straight through everything, so a cable that is too short for it surely is too
+    # short.
     needed_mm = float(np.linalg.norm(way)) * MM_PER_LDU + _SLACK_MM
     if needed_mm > length_mm:
         text = (

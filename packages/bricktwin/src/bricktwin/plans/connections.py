@@ -18,24 +18,26 @@ from bricktwin.plans.part import Fit, Gear, GearForm, Site
 from bricktwin.plans.plan import Placed
 
 _MAX_OFFSET = 1.2
-"""LDU: how far a pin may be from its hole's axis."""
+"""Largest distance of a pin from the axis of its hole, LDU."""
 _MAX_TILT = 0.03
-"""Sine of the largest angle between the two."""
-# The same where a pin only has room: real parts give way.
+"""Sine of the largest angle between a pin and its hole."""
+# A pin that only needs room gets these wider limits, because real parts give way.
 _MAX_LOOSE_OFFSET = 2.5
 """LDU."""
 _MAX_LOOSE_TILT = 0.1
-"""Sine."""
+"""Sine of the largest angle between a pin and a hole that only gives it room."""
 _MIN_DEPTH = 3.5
 """Minimum depth of a connection, LDU; a stud is 4 high."""
 _MIN_SEATED_SHARE = 0.7
 """Minimum depth as a share of the shorter length."""
 _MODULE = 20.0
-"""LDU between holes: what is as deep as this holds, however long it is."""
+"""Distance between holes, LDU. A connection that is as deep as this holds, however long its parts
+are."""
 _MESH_TOLERANCE = 1.0
 """Error of two gears' distance up to which they mesh, LDU."""
 _NEAR_TOLERANCE = 9.0
-"""The same above which they are unrelated; what is between the two is a mistake to be named."""
+"""Error of two gears' distance above which they are unrelated, LDU. An error between the two limits
+is a mistake, which is reported."""
 _MAX_COMPARED = 20_000
 """Maximum number of gear pairs to compare."""
 _CROSS_DEG = 6.0
@@ -45,16 +47,17 @@ _WORM_PITCH_RADIUS = 10.0
 _TOOTH = 7.854
 """Length of a tooth, pi mm: lead of a worm, pitch of a rack."""
 _LINK = 16.0
-"""Length of a chain's link, along its z axis: two teeth. From the previous link it may be half of
-it away: LSynth fills a straight part with whole links."""
+"""Length of a chain's link, which spans two teeth, along its z axis (LDU). The next link may begin
+half of it away, because LSynth fills a straight part with whole links."""
 _LINK_TOLERANCE = 1.5
 """Largest offset of a link from a gear, LDU."""
 _BARS = (Fit.PIN, Fit.FRICTION_PIN, Fit.AXLE, Fit.PEG)
 _JOINTS = (Fit.TURNTABLE, Fit.BALL, Fit.SOCKET, Fit.RIM, Fit.TYRE)
-"""Sites that belong together where their middles are in one place, not where one is in another."""
+"""Kinds of sites that are connected if their middles are in one place, and not if one is inside of
+the other."""
 _SEAT_PLAY = 4.0
-"""Tolerance of a tyre, LDU: of its place and of its diameter."""
-# What has no freedom at all: the fit of what goes in, and of what it goes into.
+"""Tolerance of a tyre's place and of its diameter, LDU."""
+# These pairs hold without any freedom: the fit of the male part, then that of the hole.
 _RIGID = ((Fit.AXLE, Fit.AXLE_HOLE), (Fit.STUD, Fit.STUD_HOLE), (Fit.RIM, Fit.TYRE))
 _Placed = tuple[int, Site, Floats, Floats]
 """A site: index of its part, centre, direction."""
@@ -86,24 +89,24 @@ class Connection:
 
     @property
     def fits(self) -> bool:
-        """Whether it is possible; a pin does not fit into an axle hole."""
+        """Whether the connection is possible: a pin does not fit into an axle hole."""
         is_pin = self.male_site.fit in (Fit.PIN, Fit.FRICTION_PIN)
         return not (is_pin and self.female_site.fit is Fit.AXLE_HOLE)
 
     @property
     def is_axle(self) -> bool:
-        """Whether it is an axle in a hole."""
+        """Whether the connection is an axle in a hole."""
         return self.male_site.fit is Fit.AXLE
 
     @property
     def is_ball(self) -> bool:
-        """Whether it is a ball joint."""
+        """Whether the connection is a ball joint."""
         return self.male_site.fit is Fit.BALL
 
     @property
     def is_rigid(self) -> bool:
-        """Whether it has no freedom: an axle in an axle hole, a stud (also a single one), or a
-        tyre."""
+        """Whether the connection has no freedom: an axle in an axle hole, a stud (even a single
+        one), or a tyre."""
         return (self.male_site.fit, self.female_site.fit) in _RIGID
 
 
@@ -131,7 +134,7 @@ class Mesh:
 
     @property
     def is_good(self) -> bool:
-        """Whether they turn each other."""
+        """Whether the gears mesh well enough to turn each other."""
         return abs(self.error) <= _MESH_TOLERANCE and self.engaged >= _MIN_SEATED_SHARE
 
 
@@ -157,7 +160,7 @@ def neighbours(
 
 
 def reached(starts: Iterable[int], graph: Mapping[int, Iterable[int]]) -> set[int]:
-    """All nodes of a graph that are connected to one of ``starts``, and these."""
+    """The nodes of a graph that are connected to one of ``starts``, with these."""
     found = set(starts)
     waiting = list(found)
     while waiting:
@@ -175,7 +178,8 @@ def connections(parts: Sequence[Placed]) -> list[Connection]:
 
 
 def _sites_of(parts: Sequence[Placed]) -> tuple[list[_Placed], list[_Placed], list[_Placed]]:
-    """The sites that go into others, those that others go into, and the halves of joints."""
+    """The sites that go into others (males), the sites that take others (females), and the halves
+    of joints."""
     males: list[_Placed] = []
     females: list[_Placed] = []
     joints: list[_Placed] = []
@@ -192,6 +196,60 @@ def _sites_of(parts: Sequence[Placed]) -> tuple[list[_Placed], list[_Placed], li
     return males, females, joints
 
 
+class _Overlap(NamedTuple):
+    """A hole, and the part of a pin's axis, from ``low`` to ``high``, that both share (LDU from the
+    pin's middle)."""
+
+    hole: _Placed
+    low: float
+    high: float
+
+
+class _Holes:
+    """All holes of a plan in arrays of n, so that one operation compares a pin with many.
+
+    They are sorted along x, so that a pin is compared with those near to it only: a plan may have
+    thousands of both.
+    """
+
+    def __init__(self, females: Iterable[_Placed]) -> None:
+        self._sorted = sorted(females, key=lambda entry: float(entry[2][0]))
+        self._owners = np.array([owner for owner, _, _, _ in self._sorted])
+        self._centres = np.array([centre for _, _, centre, _ in self._sorted])  # [n, 3]
+        self._axes = np.array([axis for _, _, _, axis in self._sorted])  # [n, 3]
+        self._lengths = np.array([hole.length for _, hole, _, _ in self._sorted])
+        kinds = [hole.fit is Fit.STUD_HOLE for _, hole, _, _ in self._sorted]
+        self._is_for_stud = np.array(kinds)
+        self._longest = float(self._lengths.max())
+
+    def around(self, male: _Placed) -> Iterator[_Overlap]:
+        """The holes that a pin, an axle or a stud is in."""
+        owner, site, centre, axis = male
+        reach = (site.length + self._longest) / 2 + _MAX_OFFSET
+        bounds = np.searchsorted(self._centres[:, 0], [centre[0] - reach, centre[0] + reach])
+        start = int(bounds[0])
+        nearby = slice(start, int(bounds[1]))
+        # For each of the m holes nearby: `along` [m] is its place on the male's axis, `across` [m]
+        # its distance from that axis, `tilt` [m] the sine of the angle between both, and `low` to
+        # `high` [m] the part of the axis that both share.
+        offset = self._centres[nearby] - centre  # [m, 3]
+        along = offset @ axis
+        beside = offset - along[:, None] * axis  # [m, 3]
+        across = np.linalg.norm(beside, axis=1)
+        tilt = np.linalg.norm(np.cross(self._axes[nearby], axis), axis=1)
+        low = np.maximum(-site.length / 2, along - self._lengths[nearby] / 2)
+        high = np.minimum(site.length / 2, along + self._lengths[nearby] / 2)
+        is_coaxial = (across < _MAX_OFFSET) & (tilt < _MAX_TILT)
+        is_inside = high - low > _MIN_DEPTH
+        is_other_part = self._owners[nearby] != owner
+        # A stud does not hold in a pin hole, and a pin does not hold between studs.
+        is_of_kind = self._is_for_stud[nearby] == (site.fit is Fit.STUD)
+        is_connected = is_coaxial & is_inside & is_other_part & is_of_kind
+        for index in np.flatnonzero(is_connected):
+            hole = self._sorted[start + index]
+            yield _Overlap(hole, float(low[index]), float(high[index]))
+
+
 def _inserted(
     parts: Sequence[Placed],
     males: list[_Placed],
@@ -201,57 +259,29 @@ def _inserted(
     result: list[Connection] = []
     if not females:
         return result
-    # Sorted along x, so that a pin is compared with the holes near to it alone: a plan may
-    # have thousands of both.
-    females.sort(key=lambda entry: float(entry[2][0]))
-    # Arrays of all n holes: a pin is compared with those nearby at once.
-    owners = np.array([owner for owner, _, _, _ in females])
-    centres = np.array([centre for _, _, centre, _ in females])  # [n, 3]
-    axes = np.array([axis for _, _, _, axis in females])  # [n, 3]
-    lengths = np.array([hole.length for _, hole, _, _ in females])
-    is_for_stud = np.array([hole.fit is Fit.STUD_HOLE for _, hole, _, _ in females])
-    longest = float(lengths.max())
-    for owner, site, centre, axis in males:
-        reach = (site.length + longest) / 2 + _MAX_OFFSET
-        bounds = np.searchsorted(centres[:, 0], [centre[0] - reach, centre[0] + reach])
-        start = int(bounds[0])
-        nearby = slice(start, int(bounds[1]))
-        # Of the m holes nearby: how far along the male's axis [m], how far from it [m], how tilted
-        # [m], and the overlap along the axis from `low` [m] to `high` [m].
-        offset = centres[nearby] - centre
-        along = offset @ axis
-        across = np.linalg.norm(offset - along[:, None] * axis, axis=1)
-        tilt = np.linalg.norm(np.cross(axes[nearby], axis), axis=1)
-        low = np.maximum(-site.length / 2, along - lengths[nearby] / 2)
-        high = np.minimum(site.length / 2, along + lengths[nearby] / 2)
-        is_coaxial = (across < _MAX_OFFSET) & (tilt < _MAX_TILT)
-        is_inside = high - low > _MIN_DEPTH
-        is_other_part = owners[nearby] != owner
-        # A stud does not hold in a pin hole, nor a pin between studs.
-        is_of_kind = is_for_stud[nearby] == (site.fit is Fit.STUD)
-        is_connected = is_coaxial & is_inside & is_other_part & is_of_kind
-        for index in np.flatnonzero(is_connected):
-            other, hole, *_ = females[start + index]
-            depth = float(high[index] - low[index])
-            is_seated = depth >= _MIN_SEATED_SHARE * min(_MODULE, site.length, hole.length)
+    holes = _Holes(females)
+    for male in males:
+        owner, site, centre, axis = male
+        for (other, hole, _, _), low, high in holes.around(male):
+            depth = high - low
+            shortest = min(_MODULE, site.length, hole.length)
             is_crossed = _is_crossed(
                 parts[owner],
                 site,
                 parts[other],
                 hole,
             )
-            point = centre + axis * float(low[index] + high[index]) / 2
             result.append(
                 Connection(
-                    owner,
-                    other,
-                    site,
-                    hole,
-                    point,
-                    axis,
-                    depth,
-                    is_seated,
-                    is_crossed,
+                    male=owner,
+                    female=other,
+                    male_site=site,
+                    female_site=hole,
+                    point=centre + axis * (low + high) / 2,
+                    axis=axis,
+                    depth=depth,
+                    is_seated=depth >= _MIN_SEATED_SHARE * shortest,
+                    is_crossed=is_crossed,
                 )
             )
     return result
@@ -262,21 +292,24 @@ def open_holes(
     shift: Floats,
     female: Placed,
 ) -> list[Site]:
-    """The holes of a part into which a pin or an axle of another one fits that is moved by
-    ``shift`` [3], however deep."""
+    """The holes of a part into which a pin or an axle of another part fits, however deep. ``shift``
+    [3] moves the other part."""
     bars = [site for site in male.part.sites if site.fit in _BARS]
     holes = female.part.holes
     if not bars or not holes:
         return []
-    # In the frame of the part with the holes: centres [b, 3] and directions [b, 3] of the bars.
+    # The holes are given in the frame of their own part, so the bars are moved into it: centres [b,
+    # 3] and directions [b, 3].
     bar_centres = np.array([site.centre for site in bars])
     bar_axes = np.array([site.axis for site in bars])
-    points = female.to_part(male.to_plan(bar_centres) + shift)
+    moved_centres = male.to_plan(bar_centres) + shift  # [b, 3]
+    points = female.to_part(moved_centres)
     axes = bar_axes @ male.rotation.T @ female.rotation
-    hole_centres = np.array([site.centre for site in holes])[:, None]
-    hole_axes = np.array([site.axis for site in holes])[:, None]
-    # Each hole with each bar [h, b].
-    across = np.linalg.norm(np.cross(hole_centres - points, axes), axis=2)
+    hole_centres = np.array([site.centre for site in holes])[:, None]  # [h, 1, 3]
+    hole_axes = np.array([site.axis for site in holes])[:, None]  # [h, 1, 3]
+    # One operation compares each of the h holes with each of the b bars [h, b].
+    offsets = hole_centres - points  # [h, b, 3]
+    across = np.linalg.norm(np.cross(offsets, axes), axis=2)
     tilts = np.linalg.norm(np.cross(hole_axes, axes), axis=2)
     is_fitting = (across < _MAX_LOOSE_OFFSET) & (tilts < _MAX_LOOSE_TILT)
     has_bar = is_fitting.any(axis=1)
@@ -289,16 +322,17 @@ def _is_crossed(
     holder: Placed,
     hole: Site,
 ) -> bool:
-    """Whether an axle's cross is misaligned with that of its hole; a motor turns its shaft to
-    fit."""
+    """Whether an axle's cross is misaligned with that of its hole. It never is in a motor, which
+    turns its shaft to fit."""
     if site.fit is not Fit.AXLE or hole.fit is not Fit.AXLE_HOLE or hole.turns:
         return False
     first = axle.rotation @ _arm(site)
     second = holder.rotation @ _arm(hole)
-    # Rounding may leave a little more than 1, of which there is no arc cosine.
+    # Rounding may leave a cosine slightly above 1, for which `arccos` gives NaN.
     cosine = np.clip(abs(float(first @ second)), 0.0, 1.0)
     angle_deg = np.degrees(np.arccos(cosine))
-    # A cross looks the same after a quarter of a turn.
+    # A cross looks the same after a quarter of a turn, so the angle is taken from the nearest
+    # quarter.
     return bool(min(angle_deg, 90 - angle_deg) > _CROSS_DEG)
 
 
@@ -306,7 +340,7 @@ def _arm(site: Site) -> Floats:
     """One direction of the cross in the part's frame."""
     if site.arm:
         return np.array(site.arm)
-    # The catalogue leaves it out where it is along one of the part's axes.
+    # The catalogue omits an arm that lies along one of the part's axes, so that one is the default.
     return np.array(AXES["x"] if abs(site.axis[0]) < 0.5 else AXES["y"])
 
 
@@ -323,24 +357,25 @@ def _coinciding(joints: list[_Placed]) -> list[Connection]:
             if distance > (_SEAT_PLAY if is_wheel else _MAX_OFFSET):
                 continue
             is_aligned = bool(np.linalg.norm(np.cross(axis, other_axis)) < _MAX_TILT)
-            # Their lengths are diameters: a tyre fits on a rim of its own.
+            # The lengths of rims and tyres are their diameters, and a tyre fits only on a rim of
+            # its size.
             is_seat = is_wheel and is_aligned and abs(site.length - hole.length) <= _SEAT_PLAY
-            # Both halves of a turntable are alike; each pair of them is met twice.
+            # Both halves of a turntable have the same fit, so each pair is met twice; the order
+            # keeps one of them.
             is_turntable = pair == (Fit.TURNTABLE, Fit.TURNTABLE) and is_aligned and owner < other
-            # A ball may point anywhere in its socket.
+            # A ball may point anywhere in its socket, so its alignment does not matter.
             if pair == (Fit.BALL, Fit.SOCKET) or is_turntable or is_seat:
-                depth = site.length
                 result.append(
                     Connection(
-                        owner,
-                        other,
-                        site,
-                        hole,
-                        centre,
-                        axis,
-                        depth,
-                        True,
-                        False,
+                        male=owner,
+                        female=other,
+                        male_site=site,
+                        female_site=hole,
+                        point=centre,
+                        axis=axis,
+                        depth=site.length,
+                        is_seated=True,
+                        is_crossed=False,
                     )
                 )
     return result
@@ -356,8 +391,8 @@ class _Geared(NamedTuple):
 
     @property
     def reach(self) -> float:
-        """Largest distance of something that meshes with it from its middle, LDU."""
-        # A rack is longer than any radius: half a tooth is 4 LDU.
+        """Largest distance from the gear's middle to anything that meshes with it, LDU."""
+        # A rack is longer than any radius. Half of its length is 4 LDU for each tooth.
         return max(self.gear.pitch_radius, self.gear.width, 4.0 * self.gear.teeth)
 
 
@@ -380,7 +415,7 @@ def _geared(parts: Sequence[Placed]) -> list[_Geared]:
 def meshes(parts: Sequence[Placed]) -> list[Mesh]:
     """Pairs of gears that mesh, or are nearly close enough, then the pairs in chains."""
     found: list[Mesh] = []
-    # A file of somebody else may have thousands of gears in a heap: the search must end.
+    # A file from somebody else may hold thousands of gears in a heap, and the search must end.
     for first, second in islice(_near_gears(_geared(parts)), _MAX_COMPARED):
         if first.placed is second.placed:
             continue
@@ -404,7 +439,8 @@ def _near_gears(gears: Sequence[_Geared]) -> Iterator[tuple[_Geared, _Geared]]:
 
 def _mesh(first: _Geared, second: _Geared) -> Mesh | None:
     forms = (first.gear.form, second.gear.form)
-    # Racks and worms are no discs: each has a rule of its own, in which it comes first.
+    # Racks and worms are no discs. Each has a rule of its own, which expects it as the first of the
+    # pair.
     for form, special_mesh in ((GearForm.RACK, _rack), (GearForm.WORM, _worm)):
         if forms[0] is form:
             return special_mesh(first, second)
@@ -434,7 +470,7 @@ def _parallel(first: _Geared, second: _Geared) -> Mesh | None:
     # Two gears on one axle have no distance, and so no direction of contact.
     if abs(error) > _NEAR_TOLERANCE or overlap <= 1.0 or distance < 1.0:
         return None
-    # Dividing the distance by the teeth gives the exact ratio, even if the pitch circles do not
+    # Dividing the distance by the teeth gives the exact ratio, even where the pitch circles do not
     # quite touch.
     fraction = gear.pitch_radius / (gear.pitch_radius + other.pitch_radius)
     point = first.centre + across * fraction + axis * along / 2
@@ -461,13 +497,13 @@ def _right_angle(first: _Geared, second: _Geared) -> Mesh | None:
     first_error = _set_back_error(along, gear, other)
     second_error = _set_back_error(other_along, other, gear)
     error = max(first_error, second_error, key=abs)
-    # How far the two axes miss each other.
+    # The axes should intersect; `gap` is how far they miss each other.
     gap = abs(float(offset @ normal))
     if gap > _NEAR_TOLERANCE or abs(error) > _NEAR_TOLERANCE:
         return None
     error += gap
-    # On the line where the pitch cones touch, whose distances from the axes have the ratio of the
-    # teeth.
+    # The pitch cones touch on a line through the apex, and the distances of its points from both
+    # axes have the ratio of the teeth.
     apex = first.centre + along * first.axis
     back = np.sign(along) * other.pitch_radius * first.axis
     aside = np.sign(other_along) * gear.pitch_radius * second.axis
@@ -487,7 +523,8 @@ def _set_back_error(
 ) -> float:
     """A gear's distance from the axis of another at a right angle, minus the correct distance,
     LDU."""
-    # A spur gear may lie anywhere on its axle where the crown gear's teeth pass its own.
+    # A spur gear may lie anywhere on its axle, as long as the teeth of the crown gear pass those of
+    # it.
     if gear.form is GearForm.SPUR:
         from_middle = abs(abs(along) - other.pitch_radius)
         return max(from_middle - gear.width / 2, 0.0)
@@ -503,7 +540,9 @@ def _worm(worm: _Geared, wheel: _Geared) -> Mesh | None:
     is_tilted = abs(float(axis @ wheel.axis)) > _MAX_TILT
     if is_beside_wheel or is_beside_worm or is_tilted:
         return None
-    across = offset - (offset @ axis) * axis - (offset @ wheel.axis) * wheel.axis
+    along_worm = (offset @ axis) * axis
+    along_wheel = (offset @ wheel.axis) * wheel.axis
+    across = offset - along_worm - along_wheel
     distance = float(np.linalg.norm(across))
     error = distance - _WORM_PITCH_RADIUS - radius
     if abs(error) > _NEAR_TOLERANCE or distance < 1.0:
@@ -516,8 +555,7 @@ def _worm(worm: _Geared, wheel: _Geared) -> Mesh | None:
         contact,
         axis,
     )
-    # The thread is right-handed: turning it about its axis also moves the teeth backwards along the
-    # axis.
+    # The thread is right-handed, so turning the worm about its axis also moves its teeth backwards.
     mesh.motion[0, 3:] -= axis * _TOOTH / (2 * np.pi)
     return mesh
 
@@ -528,7 +566,8 @@ def _rack(rack: _Geared, wheel: _Geared) -> Mesh | None:
     axis = wheel.axis
     offset = wheel.centre - rack.centre
     error = float(offset @ up) - wheel.gear.pitch_radius
-    # The wheel rolls along the rack: its axis is across both the rack and its teeth's direction.
+    # The wheel rolls along the rack, so its axis is across the rack and across the direction of its
+    # teeth.
     is_tilted = abs(float(axis @ along)) > _MAX_TILT or abs(float(axis @ up)) > _MAX_TILT
     if is_tilted or abs(error) > _NEAR_TOLERANCE:
         return None
@@ -555,11 +594,12 @@ def _make_mesh(
     engaged: float = 1.0,
     second_point: Floats | None = None,
 ) -> Mesh:
-    """A mesh: the first gear at ``point`` and the second there, or at ``second_point``, have the
-    same velocity along ``tangent``."""
+    """A mesh in which both gears have the same velocity along ``tangent``: the first one at
+    ``point``, and the second one there or at ``second_point``."""
     if second_point is None:
         second_point = point
-    # The velocity of a point p along t is v . t + w . (p x t): this row times the rates (v, w).
+    # A point p of a body with the rates (v, w) moves along t at v . t + w . (p x t), which is this
+    # row times the rates.
     first_row = np.concatenate([tangent, np.cross(point, tangent)])
     second_row = np.concatenate([tangent, np.cross(second_point, tangent)])
     gears = (first.gear, second.gear)
@@ -592,14 +632,15 @@ def _loops(parts: Sequence[Placed]) -> list[tuple[Floats, Floats]]:
     """Points [n, 3] of each closed chain, one a link, and the direction of its pins [3]."""
     links = [placed for placed in parts if placed.part.family == "chains"]
     starts = np.array([link.position for link in links])
-    # The next link is the one that begins where a link ends.
+    # A link is followed by the one that begins where it ends.
     next_link = {}
     for number, link in enumerate(links):
         end = link.to_plan(np.array([[0.0, 0.0, _LINK]]))
         distances = np.linalg.norm(starts - end, axis=1)
         if distances.min() < _LINK / 2:
             next_link[number] = int(distances.argmin())
-    # A dictionary, as a set that keeps its order: which loop comes first must not vary.
+    # A dictionary serves as a set that keeps its order, so that the same plan always gives the same
+    # first loop.
     remaining = dict.fromkeys(range(len(links)))
     loops = []
     while remaining:
@@ -607,7 +648,8 @@ def _loops(parts: Sequence[Placed]) -> list[tuple[Floats, Floats]]:
         while loop[-1] in remaining:
             del remaining[loop[-1]]
             loop.append(next_link.get(loop[-1], -1))
-        # It ended at an open end, in a loop that it only led into, or where it began.
+        # The walk stops at an open end, in a loop that it only led into, or where it began: only
+        # the last is a closed chain.
         if loop[-1] == loop[0]:
             loops.append((starts[loop[:-1]], links[loop[0]].rotation[:, 0]))
     return loops
@@ -620,13 +662,17 @@ def _is_driven(
 ) -> bool:
     """Whether a gear is inside a chain, and links lie on its teeth."""
     offset = points - placed.centre
-    projected = offset - np.outer(offset @ axis, axis)
-    # A link is the chord of two teeth.
+    aside = offset @ axis  # [n]
+    projected = offset - np.outer(aside, axis)  # [n, 3]
+    # A link spans two teeth, so its length is the chord of two pitches; this is the radius of their
+    # circle.
     radius = _LINK / 2 / math.sin(2 * math.pi / placed.gear.teeth)
-    touching = np.abs(np.linalg.norm(projected, axis=1) - radius) < _LINK_TOLERANCE
-    is_in_plane = np.abs(offset @ axis).max() < placed.gear.width / 2
+    distances = np.linalg.norm(projected, axis=1)
+    touching = np.abs(distances - radius) < _LINK_TOLERANCE
+    is_in_plane = np.abs(aside).max() < placed.gear.width / 2
     is_level = is_in_plane and abs(placed.axis @ axis) > 0.999
-    # The angle by which the chain goes round the gear: a whole turn, or none if it is outside.
+    # The sum of the angles from link to link is a whole turn if the chain goes round the gear, and
+    # 0 if the gear is outside.
     after = np.roll(projected, -1, axis=0)
     sines = np.cross(projected, after) @ axis
     cosines = np.einsum("ij,ij->i", projected, after)
@@ -639,8 +685,8 @@ def _chained(
     second: _Geared,
     axis: Floats,
 ) -> Mesh | None:
-    """Two gears in a chain: where its straight part touches them, both move equally fast along it;
-    ``None`` if one is inside the other."""
+    """A mesh of two gears in a chain: both move equally fast along its straight part, where that
+    touches them. ``None`` if one gear is inside of the other."""
     radius = first.gear.pitch_radius
     other_radius = second.gear.pitch_radius
     offset = second.centre - first.centre
@@ -648,10 +694,12 @@ def _chained(
     distance = float(np.linalg.norm(offset))
     if distance <= abs(radius - other_radius) + _LINK_TOLERANCE:
         return None
-    # The outer tangent of two circles touches both in this direction from their middles.
+    # The outer tangent touches both circles in the same direction from their middles.
     sine = (radius - other_radius) / distance
     cosine = math.sqrt(1 - sine**2)
-    outward = sine * offset / distance + cosine * np.cross(axis, offset / distance)
+    ahead = sine * offset / distance
+    aside = cosine * np.cross(axis, offset / distance)
+    outward = ahead + aside
     point = first.centre + radius * outward
     other_point = second.centre + other_radius * outward
     tangent = np.cross(axis, outward)

@@ -18,7 +18,7 @@ M_PER_LDU = MM_PER_LDU / 1000
 _MIN_SIDES = 10
 """Sides of the coarsest polygon that looks round when it is shaded."""
 _MIN_SAMPLED_HALF = 0.25
-"""LDU: a solid that is thinner than twice this is filled by one layer of points."""
+"""Half size (LDU) up to which a solid is filled by a single layer of points."""
 _BOX_SIGNS = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
 """Signs [8, 3] of the corners of a box; the last axis runs fastest."""
 AXES: dict[str, Triple] = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
@@ -27,8 +27,8 @@ AXES: dict[str, Triple] = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0
 def circle_sides(radius: float, chord_error: float) -> int:
     """Sides of the polygon that is drawn for a circle: at most ``chord_error`` away from it, and
     enough to look round when shaded."""
-    # The height of a circle's segment is r (1 - cos(pi / sides)), solved for the sides. A circle
-    # that is smaller than the error itself would have no angle, so the share ends at 1.
+    # Half an angle a of a chord leaves a gap of r (1 - cos a), solved here for the sides. The share
+    # ends at 1, because a circle smaller than the error has no such angle.
     share = min(chord_error / radius, 1.0)
     half_angle = math.acos(1.0 - share)
     sides = math.ceil(math.pi / half_angle)
@@ -38,7 +38,7 @@ def circle_sides(radius: float, chord_error: float) -> int:
 def rotation(axis: Triple | Floats, angle: float) -> Floats:
     """Rotation matrix [3, 3] about a unit axis by an angle in radians (Rodrigues)."""
     x, y, z = axis
-    # The matrix of the cross product with the axis.
+    # Multiplying by this matrix is the cross product with the axis.
     cross = np.array(
         [
             [0.0, -z, y],
@@ -98,10 +98,11 @@ class Solid:
         margin: float,
     ) -> Bools:
         """Whether points [n, 3] are deeper than ``margin`` below the surface [n]."""
-        local = (points - np.array(self.centre)) @ np.array(self.axes).T
+        offset = points - np.array(self.centre)
+        local = offset @ np.array(self.axes).T
         half = np.array(self.half) - margin
-        # A ring comes before the test for solids that are thinner than the margin: the second of
-        # its half sizes is its bore, which may well be smaller.
+        # Rings are tested before thin solids are: the second half size of a ring is its bore, which
+        # may be smaller than the margin.
         if self.form is Form.RING:
             radius = np.hypot(local[:, 0], local[:, 1])
             is_in_wall = (radius < half[0]) & (radius > self.half[1] + margin)
@@ -110,22 +111,26 @@ class Solid:
         if np.any(half <= 0):
             return np.zeros(len(points), dtype=bool)
         if self.form is Form.BOX:
-            return np.asarray((np.abs(local) < half).all(axis=1))
+            is_between_faces = np.abs(local) < half  # [n, 3]
+            return np.asarray(is_between_faces.all(axis=1))
         if self.form is Form.CYLINDER:
             is_in_circle = np.hypot(local[:, 0], local[:, 1]) < half[0]
             is_between_ends = np.abs(local[:, 2]) < half[2]
             return np.asarray(is_in_circle & is_between_ends)
-        return np.asarray(np.linalg.norm(local, axis=1) < half[0])
+        distance = np.linalg.norm(local, axis=1)
+        return np.asarray(distance < half[0])
 
     def normals(self, points: Floats) -> Floats:
         """Outward normals [n, 3] at points [n, 3] on the surface: of the face that is nearest."""
         axes = np.array(self.axes)
-        local = (points - np.array(self.centre)) @ axes.T
+        offset = points - np.array(self.centre)
+        local = offset @ axes.T
         if self.form is Form.BALL:
             distances = np.linalg.norm(local, axis=1, keepdims=True)
             return np.asarray(local @ axes / np.maximum(distances, 1e-9))
         if self.form is Form.BOX:
-            return np.asarray(_box_normals(local, np.array(self.half)) @ axes)
+            local_normals = _box_normals(local, np.array(self.half))
+            return np.asarray(local_normals @ axes)
         bore = self.half[1] if self.form is Form.RING else None
         normals = _round_normals(
             local,
@@ -142,7 +147,7 @@ class Solid:
     ) -> Floats:
         """Points [n, 3] that fill the solid up to ``depth`` below its surface."""
         half = np.maximum(np.array(self.half) - depth, 0.0)
-        # Points along each axis: both ends, and no two further apart than the spacing.
+        # Points along each axis include both ends, and none are further apart than the spacing.
         gaps = np.ceil(2 * half / spacing).astype(int)
         counts = np.maximum(2, gaps + 1)
         lines: list[Floats] = []
@@ -167,7 +172,7 @@ class Solid:
         """Corners [8, 3] of the bounding box along ``axes``."""
         half = np.array(self.half)
         if self.form is Form.RING:
-            # The second of a ring's sizes is its bore.
+            # The second size of a ring is its bore, so the first one is used for both directions.
             half = np.array((self.half[0], self.half[0], self.half[2]))
         local = _BOX_SIGNS * half  # [8, 3]
         return np.asarray(local @ np.array(self.axes) + np.array(self.centre))
@@ -192,15 +197,16 @@ def _round_normals(
     """Outward normals [n, 3] at points [n, 3] of a cylinder, or of a ring with a bore of this
     radius, along their third axis."""
     radius = np.maximum(np.hypot(local[:, 0], local[:, 1]), 1e-9)
-    # Distances from the faces: 0 the ends, 1 the outside, 2 the bore.
-    gaps = [np.abs(half_length - np.abs(local[:, 2])), np.abs(outer - radius)]
+    from_middle = np.abs(local[:, 2])
+    gaps = [np.abs(half_length - from_middle), np.abs(outer - radius)]
     if bore is not None:
         gaps.append(np.abs(radius - bore))
     nearest_face = np.argmin(gaps, axis=0)
     is_end = nearest_face == 0
-    # In a bore, outwards is towards the axis.
+    # In a bore the normal points towards the axis, because that is out of the material.
     direction = np.where(nearest_face == 2, -1.0, 1.0)
-    sides = local[:, :2] / radius[:, None] * direction[:, None]
+    from_axis = local[:, :2] / radius[:, None]  # [n, 2]
+    sides = from_axis * direction[:, None]
     normals = np.zeros_like(local)
     normals[:, :2] = np.where(is_end[:, None], 0.0, sides)
     normals[:, 2] = np.where(is_end, np.sign(local[:, 2]), 0.0)
@@ -220,9 +226,8 @@ def _round_samples(
     for height in heights:
         radius = float(half[0])
         if is_ball:
-            # Of the circle in which a plane at this height cuts the ball.
             radius = float(np.sqrt(max(half[0] ** 2 - height**2, 0.0)))
-        # A wall that is thinner than twice the depth has nothing inside.
+        # A wall that is thinner than twice the depth has no points inside.
         layers = 0
         if radius >= inner:
             layers = max(2, int(np.ceil((radius - inner) / spacing)) + 1)
@@ -239,7 +244,8 @@ def _round_samples(
 def frame_of(axis: Triple) -> tuple[Triple, Triple, Triple]:
     """Right-handed orthonormal axes; the third is along ``axis``."""
     third = np.array(axis) / np.linalg.norm(axis)
-    # Gram-Schmidt from x, or from y where the axis is so near to x that little would be left.
+    # Gram-Schmidt makes x square to the axis, or y where the axis is so near to x that little would
+    # be left of it.
     helper = np.array(AXES["x"] if abs(third[0]) < 0.9 else AXES["y"])
     first = helper - (helper @ third) * third
     first /= np.linalg.norm(first)
@@ -304,13 +310,16 @@ def bar(
     start_point = np.array(start)
     end_point = np.array(end)
     up = np.array(normal)
-    length = np.linalg.norm(end_point - start_point)
-    along = (end_point - start_point) / length
+    way = end_point - start_point
+    length = np.linalg.norm(way)
+    along = way / length
+    across = np.cross(up, along)
+    middle = (start_point + end_point) / 2
     half = (float(length) / 2, width / 2, thickness / 2)
-    axes = (triple(along), triple(np.cross(up, along)), triple(up))
+    axes = (triple(along), triple(across), triple(up))
     return Solid(
         Form.BOX,
-        triple((start_point + end_point) / 2),
+        triple(middle),
         half,
         axes,
     )

@@ -20,9 +20,10 @@ from bricktwin.plans.ldraw_text import MAX_LINES, key_of, unquoted
 from bricktwin.plans.meta_commands import Meaning, SynthKind, meaning_of, synth_kind
 
 _LIBRARY_TYPES = ("Part", "Subpart", "Shortcut", "Primitive", "8_Primitive", "48_Primitive")
-"""What a file of the library of LDraw.org declares itself to be, if it is no assembly."""
+"""Types that a file of LDraw.org's library declares if it is no assembly."""
 _STRETCH_TOLERANCE = 0.02
-"""How far a matrix times its transpose may be from the identity, in any of its numbers."""
+"""Largest difference, in any number, between the identity and the product of a matrix and its
+transpose."""
 _MAIN_COLOUR = 16
 """LDraw's code of the colour that a model gets where it is placed."""
 _ENDS = {
@@ -30,19 +31,19 @@ _ENDS = {
     "LPUB BUILD": "0 !LPUB BUILD_MOD END_MOD",
     "MLCAD SKIP": "0 MLCAD SKIP_END",
 }
-"""The line that ends lines that are no parts, by what it has in common with their first line."""
-# Limits of the numbers of a file.
+"""Lines that end a range of lines that are no parts, each by the words that it shares with the
+first line of the range."""
 _MAX_DEG = 36_000.0
 """A hundred turns of a motor."""
 _MAX_COORDINATE = 1e6
-"""LDU: 400 m."""
+"""Largest coordinate, LDU. It is 400 m."""
 _PLACE_NUMBERS = 12
 """Numbers of a line that places something: a position, and the rows of a matrix."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Marks:
-    """What our comments say of a part.
+    """Marks of a part, from our comments before it.
 
     Attributes:
         port, device: of a motor or sensor: the hub's port, and the name in the description.
@@ -125,7 +126,8 @@ def parse(text: str, path: str) -> "Document":
     """Parse the document of a plan. Raises PlanError if it places no part, or a comment or a name
     is invalid."""
     document = parse_any(text, path)
-    # The main model is the first that places something: an editor may write a header before it.
+    # The main model is the first one that places something, because an editor may write a header
+    # before it.
     models = dropwhile(lambda item: not item[1].references, document.models.items())
     document.models = dict(models)
     if document.models:
@@ -145,14 +147,14 @@ def parse_any(text: str, path: str) -> "Document":
     document = Document(path)
     for number, line in enumerate(lines, 1):
         document.parse_line(number, line.split())
-    # The end of the file ends its last model, which may leave something open.
+    # The end of the file ends the last model like any other, so that what is left open is reported.
     document.begin(Model("", len(lines)))
     return document
 
 
 @dataclass
 class _Synth:
-    """What LSynth draws in the lines that are read.
+    """A drawing of LSynth, while its lines are read.
 
     Attributes:
         is_shown: whether the parts that it runs around are parts of the model.
@@ -188,9 +190,9 @@ class Document:
         self._range: Model | None = None
         self._synth: _Synth | None = None
         self._ignored: dict[str, int] = {}
-        """Lines from which on nothing is a part, by the end that each waits for."""
+        """Lines at which a range begins that holds no parts, each by the end that it waits for."""
         self._generator_line = 0
-        """Line of this model that says that MLCad draws a hose, band or spring; 0 if its segments
+        """Line of this model in which MLCad announces a hose, band or spring; 0 once its segments
         have begun."""
         self._buffers: dict[str, list[Reference]] = {}
         self._marks: dict[str, Any] = {}
@@ -212,8 +214,8 @@ class Document:
                 self._meta(number, rest)
             case ["1", *_]:
                 self._reference(number, words)
-            # Triangles and quadrilaterals. What editors draw of cables and hoses has them too, but
-            # makes no shape of the model in which it stands.
+            # Triangles and quadrilaterals make a model a shape. The ones that editors draw for
+            # cables and hoses do not: they stand inside of a model with parts.
             case ["3" | "4", *_] if not (self._ignored or self._synth or self._range):
                 self._current(number).is_shape = True
 
@@ -222,7 +224,7 @@ class Document:
         number: int,
         words: list[str],
     ) -> None:
-        """Do what a line means that begins with 0; these are its further words."""
+        """Carry out a line that begins with 0. ``words`` are those after it."""
         match meaning_of(words):
             case Meaning.MODEL:
                 self._file(number, unquoted(words[1:]))
@@ -235,7 +237,8 @@ class Document:
                 model.notes.setdefault(model.step, []).extend(words[1:])
             case Meaning.OURS:
                 self._own_comment(number, words[1:])
-            # Copies: the model grows on, and a buffer may be retrieved several times.
+            # The buffer is a copy, because the model grows on and a buffer may be retrieved several
+            # times.
             case Meaning.STORE:
                 self._buffers[words[1]] = list(self._current(number).references)
             case Meaning.RETRIEVE:
@@ -249,7 +252,7 @@ class Document:
                 | Meaning.GENERATOR
             ):
                 self._range_of_lines(number, words)
-            # Only a ghost of a placed part; ghosts of other lines are comments.
+            # A ghost of a placed part may be a part; ghosts of other lines are comments.
             case Meaning.GHOST if words[1:2] == ["1"]:
                 self._reference(number, words[1:], is_ghost=True)
             case (
@@ -275,7 +278,8 @@ class Document:
             model.is_drawn = True
         elif meaning is Meaning.SHAPE:
             model.is_shape |= words[1].removeprefix("Unofficial_") in _LIBRARY_TYPES
-        # Of comments, the first is the title; what begins with `!` is an unknown command.
+        # The first comment is the title, but a line that begins with `!` is a command that is not
+        # known here.
         elif not words[0].startswith("!"):
             model.title = model.title or " ".join(words)
 
@@ -284,17 +288,19 @@ class Document:
         number: int,
         words: list[str],
     ) -> None:
-        """Do what a line means that begins or ends lines that are no parts, or one piece."""
+        """Carry out a line that begins or ends a range of lines, which are no parts or one
+        piece."""
         match meaning_of(words):
-            # Lines that MLCad skips are no parts, unless it has just said that it draws them.
+            # Lines that MLCad skips are no parts, unless it has just announced that they are its
+            # own drawing.
             case Meaning.IGNORED if self._generator_line and words[0] == "MLCAD":
                 self._begin_generated(number)
             case Meaning.IGNORED:
-                # The first of several beginnings is the one that an error names.
+                # Only the first beginning is kept, because an error should name that line.
                 self._ignored.setdefault(_pair(words), number)
             case Meaning.END_IGNORED:
                 if self._ignored.pop(_pair(words), 0) == 0:
-                    # Nothing was ignored, so it ends the segments that MLCad has drawn.
+                    # Where nothing is ignored, this line ends the segments that MLCad has drawn.
                     self._range = None
             case Meaning.SUBSTITUTED:
                 self._begin_range(number, words[words.index("SUB") + 1])
@@ -302,7 +308,8 @@ class Document:
                 self._range = None
             case Meaning.GENERATOR:
                 self._generator_line = number
-                # The whole model, unless a range of drawn segments follows (`_begin_generated`).
+                # The whole model is a drawing, unless `_begin_generated` finds that only a range of
+                # lines is.
                 self._current(number).is_drawn = True
 
     def _lsynth(
@@ -310,11 +317,11 @@ class Document:
         number: int,
         words: list[str],
     ) -> None:
-        """Do what a line of LSynth means."""
+        """Carry out a line of LSynth."""
         meaning = meaning_of(words)
         synth = self._synth
         if meaning is Meaning.SYNTH and not self._ignored:
-            # Without an end, the next one ends it.
+            # A drawing without an end is ended by the next one.
             self._end_synth()
             kind = synth_kind(words[2])
             self._synth = _Synth(
@@ -336,7 +343,7 @@ class Document:
         synth = self._synth
         self._synth = None
         if synth is not None and not synth.count:
-            # A model of its own without parts, which counts as one piece.
+            # The drawing becomes a model without parts, which counts as one piece.
             drawn = Model(f"{synth.name} of line {synth.line}", synth.line, is_drawn=True)
             self.models[key_of(drawn.name)] = drawn
             self._place(
@@ -362,7 +369,8 @@ class Document:
                 is_range=True,
             )
             self.models[key_of(drawn.name)] = drawn
-            # Before it becomes the range, which would else contain itself.
+            # The drawing is placed before it becomes the open range, because it would otherwise
+            # contain itself.
             self._place(
                 number,
                 _MAIN_COLOUR,
@@ -374,14 +382,14 @@ class Document:
 
     def _begin_generated(self, number: int) -> None:
         """Begin the segments of the hose, band or spring that a line before these names."""
-        # Only these segments are drawn, not the model that they stand in.
+        # Only these segments are a drawing, not the model in which they stand.
         self._current(number).is_drawn = False
         self._begin_range(self._generator_line, "hose, band or spring")
         self._generator_line = 0
 
     def _current(self, number: int) -> Model:
         """The model that lines belong to."""
-        # A file with one model need not name it: it has the name of the file.
+        # A file with a single model need not name it; the model then has the name of the file.
         if self._model is None:
             self._model = self.models[""] = Model(Path(self.path).name, number)
         return self._model
@@ -402,7 +410,7 @@ class Document:
             remedy = "write it after the last line that is no part"
             raise self._error(line, f"no {_ENDS[pair]} follows", remedy)
         self._model = model
-        # What else was begun holds for one model only, and ends with it.
+        # Whatever else was begun holds for one model only, and ends with it.
         self._range = None
         self._buffers = {}
         self._generator_line = 0
@@ -417,7 +425,7 @@ class Document:
         if not name or (key in self.models and not key.endswith(".dat")):
             fault = f"'{name}' is the name of two models" if name else "a model without a name"
             raise self._error(number, fault, "give each one its own")
-        # Files with embedded parts have some of them twice: the first counts.
+        # A file with embedded parts may hold some of them twice, and the first one counts.
         self.models.setdefault(key, model)
         self.begin(model)
 
@@ -426,7 +434,8 @@ class Document:
         number: int,
         words: list[str],
     ) -> None:
-        # All others speak of the part that follows.
+        # ROBOT and PARTS describe the file, so they need no part after them as all other comments
+        # do.
         if words[:1] not in (["ROBOT"], ["PARTS"]):
             self._marks_line = number
         match words:
@@ -443,7 +452,7 @@ class Document:
                         "write ROBOT NAME, PARTS COUNT, PORT LETTER [DEVICE [DEGREES]], STOPS LOW "
                         "HIGH, FREE, FIXED or BALL X Y Z",
                     )
-                # Several comments may stand before one part.
+                # Marks are joined, because several comments may stand before one part.
                 self._marks |= marks
 
     def _reference(
@@ -470,19 +479,21 @@ class Document:
                     name,
                     is_ghost,
                 )
-        # What was said before this line was said of it, also if it is left out.
+        # The comments before this line described it, even if the line is left out, and must not
+        # pass to the next part.
         self._marks = {}
 
     def _is_no_part(self, name: str) -> bool:
-        """Whether a line places no part, as it is ignored, or LSynth needs it only to draw."""
+        """Whether a line places no part, because it is ignored or because only LSynth's drawing
+        needs it."""
         synth = self._synth
         if self._ignored or synth is None:
             return bool(self._ignored)
         if synth.is_drawing:
-            # The links of a chain are parts, the segments of a hose are not.
+            # LSynth's links of a chain are parts; its segments of a hose are not.
             synth.count += synth.kind.is_of_parts
             return not synth.kind.is_of_parts
-        # Among these lines are LSynth's own marks, which the catalogue does not have.
+        # Between these lines stand marks of LSynth too, which the catalogue does not have.
         return not (synth.is_shown and catalogue.find(name))
 
     def _place(
@@ -495,7 +506,8 @@ class Document:
         is_ghost: bool = False,
     ) -> None:
         model = self._current(number)
-        # Of a rotation, also with a reflection, the transpose is the inverse.
+        # A matrix is a rotation, maybe with a reflection, if its transpose is its inverse; anything
+        # else is stretched.
         stretch = np.abs(matrix @ matrix.T - np.eye(3))  # [3, 3]
         is_stretched = bool(stretch.max() > _STRETCH_TOLERANCE)
         reference = Reference(
@@ -521,8 +533,8 @@ class Document:
 
 
 def _marks_of(words: list[str]) -> dict[str, Any]:
-    """What a comment of ours says of the part after it, by the names of `Marks`; empty if it is not
-    understood."""
+    """Marks of the part after a comment of ours, by the names of `Marks`; empty if the comment is
+    not understood."""
     match words:
         case ["PORT", port, *rest] if len(port) == 1 and len(rest) < 3:
             turn_deg = numbers_of(rest[1:] or ["0"], _MAX_DEG)
@@ -543,7 +555,7 @@ def _marks_of(words: list[str]) -> dict[str, Any]:
 
 
 def _pair(words: Sequence[str]) -> str:
-    """What the first and the last of some lines that are no parts have in common."""
+    """Words that the first line and the last line of a range have in common."""
     return f"{words[0].lstrip('!')} {words[1].partition('_')[0]}"
 
 
@@ -572,5 +584,5 @@ def numbers_of(words: Sequence[str], limit: float = math.inf) -> tuple[float, ..
         numbers = tuple(map(float, words))
     except ValueError:
         return ()
-    # What is no number (NaN) is not below the limit either.
+    # NaN is not below any limit, so this test refuses it as well.
     return numbers if all(abs(value) < limit for value in numbers) else ()

@@ -26,7 +26,7 @@ MAIN_COLOUR = 16
 """Code of the colour that is chosen where the part is used."""
 
 _SYSTEM_FOLDERS = ("/usr/share/ldraw", "/usr/local/share/ldraw", "/Library/LDraw", "C:/LDraw")
-"""Where Linux, macOS and Windows have it."""
+"""Folders in which Linux, macOS and Windows keep such a library."""
 _NUMBERS = {"1": 12, "3": 9, "4": 12}
 """Count of the numbers of a line that refers to a file, or is a triangle or a quadrilateral."""
 _COLOUR = re.compile(
@@ -69,15 +69,15 @@ def triangles_of(root: Path, name: str) -> Triangles:
 @functools.lru_cache(maxsize=4096)
 def _triangles_of(root: Path, name: str) -> Triangles:
     pieces: dict[int, list[Floats]] = defaultdict(list)
-    # The state of LDraw's language extension for back face culling (BFC), which says on which side
-    # a triangle is seen.
+    # LDraw's language extension for back face culling (BFC) says on which side a triangle is seen;
+    # this is its state.
     certified = False
     clockwise = False
     inverted = False
     for line in _text(root, name).splitlines():
         words = line.split()
         if words[:2] == ["0", "BFC"]:
-            # A winding alone certifies a file as well.
+            # By the specification, naming a winding certifies a file as well.
             says_winding = bool({"CERTIFY", "CW", "CCW"} & set(words))
             certified = "NOCERTIFY" not in words and (certified or says_winding)
             clockwise = "CW" in words or (clockwise and "CCW" not in words)
@@ -92,11 +92,11 @@ def _triangles_of(root: Path, name: str) -> Triangles:
                 file_name = key_of(" ".join(words[14:]))
                 inner = _triangles_of(root, file_name)
                 for code, triangles in _placed(inner, numbers, inverted=inverted).items():
-                    # The main colour of a file is the one that it is placed in.
+                    # The main colour of a file is whatever colour the file is placed in.
                     pieces[colour if code == MAIN_COLOUR else code].append(triangles)
             else:
                 pieces[colour].append(_faces(numbers, clockwise=clockwise, certified=certified))
-        # It holds for the next line that says something.
+        # INVERTNEXT holds for the next line that is not empty.
         inverted = inverted and not words
     return {colour: np.concatenate(triangles) for colour, triangles in pieces.items()}
 
@@ -111,7 +111,7 @@ def _placed(
     of the line that does."""
     offset = np.array(numbers[:3])
     matrix = np.array(numbers[3:]).reshape(3, 3)
-    # A mirrored part is inside out.
+    # A mirrored part has its triangles inside out, so they are turned over once more.
     is_flipped = inverted != bool(np.linalg.det(matrix) < 0)
     placed: Triangles = {}
     for code, local in inner.items():
@@ -133,12 +133,12 @@ def _faces(
         faces = corners[[[0, 1, 2], [0, 2, 3]]]
     if clockwise:
         faces = faces[:, ::-1]
-    # Of undefined winding, both sides are drawn.
+    # Where the winding is undefined both sides are drawn, because either may be the outer one.
     return faces if certified else np.concatenate([faces, faces[:, ::-1]])
 
 
 def _text(root: Path, name: str) -> str:
-    # Parts, and the primitives that they are made of.
+    # Parts are in the first folder, and the primitives that they are made of in the second.
     for path in (root / "parts" / name, root / "p" / name):
         if path.is_file():
             return path.read_text(encoding="utf-8", errors="replace")

@@ -18,9 +18,10 @@ MAX_FILES = 500
 _STUDIO_MODELS = ("model.ldr", "model2.ldr")
 """The model in a file of Studio, under the names that it has there, the preferred one first."""
 _SUFFIXES = (".ldr", ".mpd", ".dat")
-"""What the name of a file beside a plan may end with."""
+"""Suffixes that a file beside a plan may have."""
 _FIRST_NAME_WORD = 14
-"""In a line that places something: after the 1, the colour and 12 numbers comes the name."""
+"""Index of the first word of the name in a line that places something. Before it are the 1, the
+colour and 12 numbers."""
 
 
 def read_text(path: Path) -> str:
@@ -28,13 +29,12 @@ def read_text(path: Path) -> str:
     missing, too large or encrypted."""
     try:
         with path.open("rb") as file:
-            # One byte more than is allowed tells a file that is too large, however large it is.
+            # Reading one byte more than is allowed recognises a file that is too large, without
+            # reading all of it.
             data = file.read(MAX_BYTES + 1)
     except OSError as error:
-        raise PlanError(
-            f"{path}: {error.strerror or error}; name an LDraw file (.ldr, .mpd or .io)"
-        ) from None
-    # By its first bytes, whatever its name: Studio's file is a zip.
+        raise unread(path, error) from None
+    # The first bytes tell a Studio file, which is a zip, whatever its name is.
     if data[:2] == b"PK" and len(data) <= MAX_BYTES:
         data = _unzipped(path, data)
     if len(data) > MAX_BYTES:
@@ -44,13 +44,23 @@ def read_text(path: Path) -> str:
         )
     is_wide = data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
     encoding = "utf-16" if is_wide else "utf-8-sig"
-    # An older encoding spoils some letters of titles and notes, but no number and no part.
+    # An older encoding spoils some letters of titles and notes, but no numbers and no part names.
     text = data.decode(encoding, errors="replace")
     if "\0" in text[:4096]:
         raise PlanError(
             f"{path} is not a text file; export the model as an LDraw file (.ldr or .mpd)"
         )
     return text
+
+
+def unread(path: Path, error: OSError) -> PlanError:
+    """The error for a plan that cannot be read. A path that is relative is looked for in the
+    present folder, not beside the file that names it, so the folder is named."""
+    where = ""
+    if isinstance(error, FileNotFoundError) and not path.is_absolute():
+        where = f" in {Path.cwd()}"
+    reason = error.strerror or str(error)
+    return PlanError(f"{path}: {reason}{where}; name an LDraw file (.ldr, .mpd or .io)")
 
 
 def _unzipped(path: Path, data: bytes) -> bytes:
@@ -61,10 +71,11 @@ def _unzipped(path: Path, data: bytes) -> bytes:
                 member for member in archive.namelist() if member.lower().endswith((".ldr", ".mpd"))
             ]
             name = min(models, key=_rank, default=None)
-            # Of a zip's flags, the lowest bit says that the member is encrypted.
+            # The lowest flag bit of a zip member says that it is encrypted, and then it cannot be
+            # read.
             if name is not None and not archive.getinfo(name).flag_bits & 1:
                 with archive.open(name) as file:
-                    # Never more than the limit, whatever size the archive claims.
+                    # No more than the limit is read, whatever size the archive claims.
                     return file.read(MAX_BYTES + 1)
     except Exception as error:  # noqa: BLE001 - each method of compression has errors of its own
         raise PlanError(
@@ -76,7 +87,7 @@ def _unzipped(path: Path, data: bytes) -> bytes:
 
 
 def _rank(member: str) -> int:
-    """Place of a member of a Studio file among those that may be the model."""
+    """Rank of a member of a Studio file among those that may be the model."""
     name = key_of(member).rpartition("/")[2]
     return (*_STUDIO_MODELS, name).index(name)
 
@@ -106,7 +117,7 @@ class Beside:
         """The file of that name beside the file that uses it, or beside the plan; ``None`` if there
         is none."""
         steps = PurePosixPath(name.replace("\\", "/")).parts
-        # A name from the root, or with a drive of Windows, is no name beside something.
+        # A path from the root, or with a drive of Windows, does not name a file beside the plan.
         is_relative = bool(steps) and steps[0] != "/" and ":" not in steps[0]
         if not (is_relative and name.lower().endswith(_SUFFIXES)):
             return None
@@ -121,7 +132,8 @@ class Beside:
         folder: Path,
         steps: Sequence[str],
     ) -> Path | None:
-        """Where steps lead from a folder; ``None`` if one of them is not there."""
+        """The path that is reached from a folder by some steps; ``None`` if one of them is not
+        there."""
         path = folder
         for step in steps:
             member = self._member(path, step)
@@ -132,7 +144,7 @@ class Beside:
 
     def _is_within(self, path: Path) -> bool:
         """Whether a file is in the plan's folder, or below it."""
-        # Resolved, as the steps may go up, and links lead anywhere.
+        # Both paths are resolved, because steps may go up and links may lead anywhere.
         return path.resolve().is_relative_to(self._folder.resolve())
 
     def _member(
@@ -142,7 +154,7 @@ class Beside:
     ) -> Path | None:
         """A member of a folder; the exact name counts before one in other letters."""
         if name == "..":
-            # The parent of `.` or of `..` is not what is left without its last name.
+            # `parent` only cuts off the last name, which is wrong for `.` and `..`.
             return folder.parent if folder.name not in ("", "..") else folder / name
         if folder not in self._listings:
             self._listings[folder] = _listed(folder)
@@ -153,27 +165,28 @@ class Beside:
 def _listed(folder: Path) -> dict[str, Path]:
     """The members of a folder, by their names and by their plain names."""
     try:
-        # From the last to the first, so that of names that are equal but for their letters the
-        # first one counts, on every file system.
+        # Names that differ in upper and lower case only are one key. Going from the last to the
+        # first keeps the first of them, on every file system.
         members = sorted(folder.iterdir(), reverse=True)
-    except OSError:  # there is none, or nobody may read it
+    except OSError:
+        # The folder does not exist, or may not be read.
         members = []
     listing = {_plain(path.name): path for path in members}
-    # Exact names later: they replace plain ones.
+    # Exact names are entered last, because they must replace the lower-case ones.
     listing.update({path.name: path for path in members})
     return listing
 
 
 def _plain(name: str) -> str:
-    """A name in small letters, with one space in place of several, which are lost when a line is
-    split."""
+    """A name in lower case, with one space in place of several, because splitting a line loses the
+    others."""
     return " ".join(name.split()).lower()
 
 
 def named_files(text: str) -> Iterator[str]:
     """Names of the files that the lines of a text place, each once, and that are not in it."""
     inside = set()
-    # As a dict, which has each once and keeps their order.
+    # A dictionary keeps each name once, in the order of the lines.
     placed = {}
     for line in text.splitlines():
         words = line.split()
@@ -182,7 +195,8 @@ def named_files(text: str) -> Iterator[str]:
         elif words[:1] == ["1"] and len(words) > _FIRST_NAME_WORD:
             name = unquoted(words[_FIRST_NAME_WORD:])
             placed[key_of(name)] = name
-    # Only now, as a model may be placed before it is written.
+    # Only the last line tells which names are outside, because a model may be placed before its own
+    # lines come.
     return (name for key, name in placed.items() if key not in inside)
 
 
@@ -195,12 +209,13 @@ def sources_of(path: Path) -> Iterator[bytes]:
     """Contents of a plan and of the files beside it that it is made of. Raises OSError if one
     cannot be read, PlanError if one is no LDraw file."""
     waiting = [path]
-    # Resolved: two names may lead to one file, and files may place each other in a circle.
+    # Paths are resolved, because two names may lead to one file, and files may place each other in
+    # a circle.
     known = {path.resolve()}
     beside = Beside(path)
     while waiting and len(known) <= MAX_FILES:
         file = waiting.pop()
-        # The name too, as it may be the title of the plan.
+        # The name is part of the digest, because it may be the title of the plan.
         yield file.name.encode()
         yield file.read_bytes()
         for name in named_files(read_text(file)):

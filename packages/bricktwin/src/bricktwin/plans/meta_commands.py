@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 
 class Meaning(enum.Enum):
-    """What a meta command is in a plan."""
+    """Meanings that a meta command can have in a plan."""
 
     MODEL = "begins a model"
     NO_MODEL = "what follows, up to the next model, belongs to none"
@@ -153,33 +153,35 @@ META_COMMANDS = (
     MetaCommand("!PREVIEW", "LDraw", Meaning.HEADER),
     MetaCommand("!CMDLINE", "LDraw", Meaning.HEADER),
 )
-"""All kinds; of two that a line begins with, the one with more words counts. `docs/plans.md`
-has the same table, and a test compares them."""
+"""All kinds. If a line begins with the words of two, the one with more words counts.
+`docs/plans.md` has the same table, and a test compares them."""
 
 
 @functools.cache
 def _by_first_word() -> dict[str, list[tuple[list[str], Meaning]]]:
     """The words of each kind and its meaning, by the first word, the longest kinds first."""
-    # A file may have 100,000 lines, of which most need not be compared with any kind.
+    # Grouping the kinds by their first word keeps most of a file's lines, up to 100,000, from being
+    # compared with any.
     kinds = defaultdict(list)
     for command in META_COMMANDS:
         words = command.words.split()
         kinds[words[0]].append((words, command.meaning))
     for same_word in kinds.values():
-        # What a program says in general, as `!LPUB`, would hide what it says in particular.
+        # Longer patterns come first, because the general meaning of a program's line, as `!LPUB`,
+        # would otherwise hide its particular ones.
         same_word.sort(key=lambda kind: len(kind[0]), reverse=True)
     return dict(kinds)
 
 
 def meaning_of(words: Sequence[str]) -> Meaning | None:
-    """What a line is, by its words after the 0; ``None`` for a title, a comment, or an unknown
+    """Meaning of a line, by its words after the 0; ``None`` for a title, a comment, or an unknown
     command."""
     if not words:
         return None
     for pattern, meaning in _by_first_word().get(words[0], ()):
         if len(words) < len(pattern):
             continue
-        # A line may say more than the pattern: names, numbers, comments.
+        # A line may have more words than the pattern, for names, numbers and comments.
         word_pairs = zip(pattern, words, strict=False)
         if all(expected in ("*", word) for expected, word in word_pairs):
             return meaning

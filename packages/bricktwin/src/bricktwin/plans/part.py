@@ -11,13 +11,13 @@ from bricktwin.plans.geometry import Bools, Floats, Solid, Triple
 
 HOLE_RADIUS = 6.2
 """Radius of pin and axle holes; that of a pin is 6."""
-# The ends of a pin hole are wider, for a pin's collar or an axle's stop.
+# The ends of a pin hole are wider, to take the collar of a pin or the stop of an axle.
 _RECESS = 2.0
-"""What the recess adds to the hole's radius."""
+"""Length that the recess adds to the hole's radius, LDU."""
 _RECESS_DEPTH = 2.0
-"""How far it reaches into the hole."""
+"""Depth of the recess in the hole, LDU."""
 _SAMPLE_DEPTH = 0.9
-"""Distance of sample points from the surface."""
+"""Distance of sample points from the surface, LDU."""
 _THIN = 12.0
 """Half sizes of a solid below this are filled more closely."""
 
@@ -34,17 +34,18 @@ class Fit(enum.Enum):
     STUD = "stud"
     STUD_HOLE = "stud hole"
     PEG = "peg"
-    """On a differential: round, fits into the axle hole of a gear that turns on it."""
+    """A round peg of a differential, which fits into the axle hole of a gear that turns on it."""
     BALL = "ball"
     """A towball; the axis is that of its pin."""
     SOCKET = "ball socket"
     RIM = "rim"
-    """The length of the site is the diameter of the tyre's seat; so it is for a tyre."""
+    """The seat of a tyre on a rim. The length of the site is its diameter, and so it is for a
+    tyre."""
     TYRE = "tyre"
 
     @property
     def is_male(self) -> bool:
-        """Whether it goes into another part."""
+        """Whether the site goes into another part."""
         return self in (Fit.PIN, Fit.FRICTION_PIN, Fit.AXLE, Fit.STUD, Fit.PEG, Fit.BALL, Fit.RIM)
 
 
@@ -102,7 +103,7 @@ class Gear:
 
     @property
     def pitch_radius(self) -> float:
-        """1.25 LDU (0.5 mm) per tooth."""
+        """Radius of the pitch circle, LDU: 1.25 (0.5 mm) for each tooth."""
         return 1.25 * self.teeth
 
 
@@ -181,7 +182,7 @@ class Part:
 
     @property
     def holes(self) -> tuple[Site, ...]:
-        """The female sites."""
+        """The pin holes and axle holes."""
         return tuple(site for site in self.sites if site.fit in (Fit.HOLE, Fit.AXLE_HOLE))
 
     def contains(
@@ -194,7 +195,7 @@ class Part:
         inside = np.zeros(len(points), dtype=bool)
         for solid in (*self.solids, *self.turning):
             inside |= solid.contains(points, margin)
-        # Only of the points in a solid it matters whether they are in a hole of it.
+        # A hole matters only to points that are in a solid, so the others are not tested.
         inside[inside] = ~_in_holes(points[inside], self.holes, 0.0)
         return inside
 
@@ -210,7 +211,8 @@ class Part:
         for number, solid in enumerate((*self.solids, *self.turning)):
             within = np.flatnonzero(solid.contains(points, margin))
             is_in_notch = self._in_notch(points[within], number, margin)
-            # Solid by solid: where one has its notch, another may have material.
+            # Notches are tested for each solid, because where one has its notch another may have
+            # material.
             inside[within[~is_in_notch]] = True
         inside[inside] = ~_in_holes(
             points[inside],
@@ -229,7 +231,7 @@ class Part:
         """Whether points [n, 3] are in a notch of a solid, or less than ``margin`` from one [n]."""
         inside = np.zeros(len(points), dtype=bool)
         for count, notch in self.notches:
-            # It is cut out of the first `count` solids only.
+            # A notch is cut out of the first `count` solids only.
             if number < count:
                 inside |= notch.contains(points, -margin)
         return inside
@@ -238,10 +240,12 @@ class Part:
     def mirror(self) -> Floats | None:
         """Signs [3] of a reflection along an axis that maps the part onto itself; ``None`` for a
         part with a left and a right."""
-        # The rows (-1, 1, 1), (1, -1, 1), (1, 1, -1).
+        # The rows (-1, 1, 1), (1, -1, 1), (1, 1, -1) are the reflections along the three axes, of
+        # which one is enough.
         for signs in 1.0 - 2.0 * np.eye(3):
             has_same_features = self._features(signs) == self._features(np.ones(3))
-            # Last, as it costs most: the mirrored material lies in the part, give or take 0.2 LDU.
+            # This test costs most and so comes last: the mirrored material must lie in the part,
+            # give or take 0.2 LDU.
             if has_same_features and self.contains(self.samples * signs, -0.2).all():
                 return np.asarray(signs)
         return None
@@ -250,11 +254,11 @@ class Part:
         """Sites, gears and device after a reflection; axes without their directions."""
 
         def point(values: Triple | None) -> tuple[float, ...]:
-            # Adding 0 makes a zero of a negative zero.
+            # Adding 0.0 turns -0.0 into 0.0, so that both compare as equal.
             return () if values is None else tuple((np.array(values) * signs).round(2) + 0.0)
 
         def line(values: Triple | None) -> tuple[float, ...]:
-            # A direction and its reverse are one line.
+            # A direction and its reverse are one line, so the larger of the two stands for both.
             if values is None:
                 return ()
             reverse = (-values[0], -values[1], -values[2])
@@ -270,10 +274,10 @@ class Part:
             axis = line(gear.axis)
             up = point(gear.up)
             gears.append((gear.form.value, point(gear.centre), axis, gear.width, gear.teeth, up))
-        # Sorted, as a reflection may exchange equal sites or gears.
+        # A reflection may exchange equal sites or gears, so their order must not count.
         features: list[tuple[object, ...]] = [*sorted(sites), *sorted(gears)]
         if self.device is not None:
-            # Ports have names, which a reflection must not exchange.
+            # Ports have names, and a reflection must not exchange them.
             ports = sorted((name, point(place)) for name, place in self.device.ports)
             features.append((ports, point(self.device.plug), point(self.device.direction)))
         return features
@@ -288,7 +292,7 @@ class Part:
         """Points [n, 3] in the material, at least 0.9 LDU below the surface."""
         points = [np.zeros((0, 3))]
         for number, solid in enumerate((*self.solids, *self.turning)):
-            # A thin solid needs points that are closer together.
+            # Points in a thin solid must be closer together, or it would hardly have any.
             spacing = 3.5 if min(solid.half) < _THIN else 7.0
             samples = solid.samples(spacing, _SAMPLE_DEPTH)
             is_in_notch = self._in_notch(samples, number, _SAMPLE_DEPTH)
@@ -320,7 +324,7 @@ def _in_holes(
     for site in holes:
         offset = points - np.array(site.centre)  # [n, 3]
         along = offset @ np.array(site.axis)  # [n]
-        # The distance from the axis by Pythagoras, squared.
+        # By Pythagoras, this is the squared distance from the axis.
         squared = np.einsum("ij,ij->i", offset, offset) - along * along
         is_end = (np.abs(along) > site.length / 2 - _RECESS_DEPTH) & (site.fit is Fit.HOLE)
         radius = HOLE_RADIUS + margin + recess * is_end

@@ -16,11 +16,11 @@ from bricktwin.plans.geometry import Floats, Triple, triple
 from bricktwin.plans.ldraw_file import Document, LineFault, Marks, Model, Reference
 from bricktwin.plans.part import Device, DeviceKind, Part
 
-# Limits of what a file can ask for: a few lines of sub-models in sub-models are millions of parts.
+# A few lines that nest sub-models can be millions of parts, so what a file can ask for is limited.
 MAX_PARTS = 10_000
-"""Number of parts and sub-models that lines place."""
+"""Largest number of parts and sub-models that lines place."""
 MAX_DEPTH = 16
-"""Number of sub-models in each other."""
+"""Largest number of sub-models inside of each other."""
 _MAIN_COLOUR = 16
 """LDraw's code of the colour that a model gets where it is placed."""
 _STRETCHED = "'{}' is stretched; place it without scaling"
@@ -58,7 +58,8 @@ class Placed(Marks):
 
     def to_part(self, points: Floats) -> Floats:
         """Points [n, 3] from the plan's frame to the part's."""
-        # The inverse of a rotation is its transpose: of rows of points, it is not transposed.
+        # The inverse of a rotation is its transpose; as the points are rows, the two transpositions
+        # cancel out.
         return np.asarray((points - self.position) @ self.rotation)
 
     @functools.cached_property
@@ -74,15 +75,15 @@ class Placed(Marks):
 
     @property
     def name(self) -> str:
-        """Name for messages."""
+        """Name of the part in messages."""
         return f"{self.part.name} ({self.part.number})"
 
     def with_marks_of(self, reference: Reference) -> "Placed":
-        """A motor or sensor with what a comment before its sub-model says of it."""
+        """The motor or sensor with the marks that a comment before its sub-model gives it."""
         marked = self
         if reference.stops_deg is not None:
             marked = replace(marked, stops_deg=reference.stops_deg)
-        # A name and an angle are said with a port only.
+        # A name and an angle only mean something together with a port.
         if reference.port is not None:
             marked = replace(
                 marked,
@@ -94,7 +95,8 @@ class Placed(Marks):
 
     @property
     def electric(self) -> Device:
-        """The hub, motor or sensor that it is; only for one of `Plan.devices`."""
+        """The device that this part is: a hub, motor or sensor. Only parts of `Plan.devices` have
+        one."""
         assert self.part.device is not None  # noqa: S101
         return self.part.device
 
@@ -128,7 +130,7 @@ class Unknown:
 
     @property
     def is_file(self) -> bool:
-        """Whether it is no part but a model in another file, which is missing."""
+        """Whether this is no part but a model in another file, which is missing."""
         return self.number.endswith((".ldr", ".mpd"))
 
 
@@ -175,7 +177,7 @@ class Plan:
         if not step.assembly:
             return ("", step.index)
         colours = (self.parts[part].colour for part in sorted(self.present_parts(step)))
-        # Without its line, which tells apart the copies of one model.
+        # The line that places a copy is left out, because equal copies must have equal keys.
         model = step.assembly[-1].rpartition(":")[0]
         return (model, step.number, *colours)
 
@@ -206,7 +208,6 @@ def make_plan(document: Document, path: Path | None = None) -> Plan:
     a model contains itself, there are too many parts, no line is valid, or a file cannot be
     read."""
     builder = _Builder(document, SubModels(document, path))
-    # The robot itself stands where the plan's origin is.
     at_origin = Reference(
         _MAIN_COLOUR,
         np.eye(3),
@@ -260,10 +261,10 @@ class SubModels:
         self._path = path
         self._beside = None if path is None else ldraw_text.Beside(path)
         self._files: dict[Path, Document] = {}
-        # By identity: a model can be changed, so that it has no hash.
+        # Models are found by identity, because they can be changed and so have no hash.
         self._owners: dict[int, tuple[Document, Path]] = {}
-        """Of each model in another file than the plan, by its identity: the document and the
-        file."""
+        """Document and file of each model that is in another file than the plan's, by the model's
+        identity."""
 
     def find(
         self,
@@ -273,7 +274,8 @@ class SubModels:
         """The model of that name, as a line of the model ``user`` places it; ``None`` if there is
         none."""
         document, file = self._owners.get(id(user), (self._document, self._path))
-        # In the same file first, and what is a known part is not looked for among files.
+        # A model of the same file comes first. A known part is never looked for among other files,
+        # which may have its name by chance.
         inside = document.models.get(ldraw_text.key_of(name))
         if inside is not None or self._beside is None or file is None or is_known(name):
             return inside
@@ -296,13 +298,14 @@ class SubModels:
     def _main_of(self, path: Path) -> Model:
         """The first model of a file."""
         path = path.resolve()
-        # The plan itself, which is a cycle: the same model again shows it (`_refuse_cycle`).
+        # A file that places the plan itself makes a cycle. It gets the very same model, by which
+        # `_refuse_cycle` recognises that.
         if self._path is not None and path == self._path.resolve():
             return self._document.main
         if path not in self._files:
             self._read(path)
         document = self._files[path]
-        # As in the plan, the main model is the first that places something.
+        # As in the plan, the main model is the first one that places something.
         for model in document.models.values():
             if model.references:
                 return model
@@ -316,7 +319,7 @@ class SubModels:
                 "into one .mpd"
             )
         document = ldraw_file.parse_any(ldraw_text.read_text(path), str(path))
-        # A file without a line has a model too, which has no parts.
+        # An empty file gets a model too, which has no parts, so that its user is told so.
         document.models.setdefault("", Model(path.name, 0))
         self._files[path] = document
         for model in document.models.values():
@@ -370,7 +373,8 @@ class _Builder:
                 assembly,
             )
         self._open.pop()
-        # What sub-models have added lies in between: they are built before the next line.
+        # All parts that were added since are part of this model, because sub-models are built
+        # before the next line.
         return tuple(range(first, len(self.parts)))
 
     def _located_lines(
@@ -380,7 +384,7 @@ class _Builder:
         assembly: tuple[str, ...],
     ) -> list[tuple[int, Reference]]:
         """The lines of a model at its place, each with its number in its own file."""
-        # MLCad shows a ghost only where its own model is the main one.
+        # MLCad shows a ghost only in a main model.
         is_sub_model = bool(assembly)
         lines_here = [
             reference
@@ -390,7 +394,8 @@ class _Builder:
         is_elsewhere = bool(self.models.file_of(model))
         lines: list[tuple[int, Reference]] = []
         for reference in composed(lines_here):
-            # What is in another file is named by the line of the plan that places that file.
+            # The user edits the plan, so a mistake in another file is reported at the line that
+            # places that file.
             line = place.line if is_elsewhere else reference.line
             lines.append((reference.line, replace(_located(reference, place), line=line)))
         return lines
@@ -404,7 +409,8 @@ class _Builder:
     ) -> None:
         """Add the parts of a step of a model, after the steps of the sub-models that it joins."""
         inner_models = [self._assembly(reference, model) for _, reference in lines]
-        # All lines first: a cycle would not end, and its error names the line that closes it.
+        # All lines are checked before any is built: a cycle would never end, and its error should
+        # name the line that closes it.
         for (own_line, reference), inner in zip(lines, inner_models, strict=True):
             if inner is not None:
                 self._refuse_cycle(
@@ -436,7 +442,7 @@ class _Builder:
             if len(group) > 1:
                 groups.append(group)
             elif group:
-                # Nothing is assembled of one part: it is a part of this step.
+                # A sub-model of a single part is not assembled, so its part belongs to this step.
                 part = group[0]
                 self.parts[part] = replace(self.parts[part], step=step, assembly=assembly)
                 new.append(part)
@@ -467,7 +473,7 @@ class _Builder:
             placed = self.parts[index]
             part = catalogue.get(whole.name)
             self.parts[index] = replace(placed, part=part, position=whole.offset)
-            # What is said of the part itself counts before what is said of a piece.
+            # A mark of the part itself counts before a mark of one of its pieces.
             if placed.port is None and placed.stops_deg is None:
                 self.parts[index] = self.parts[index].with_marks_of(whole)
             joined.update(id(others[piece]) for piece in pieces)
@@ -525,11 +531,11 @@ class _Builder:
         model = self.models.find(reference.name, user)
         if model is None or model.is_shape:
             return None
-        # A part of the catalogue may be embedded in the file, with its shape.
+        # A part of the catalogue may be embedded in the file, with its shape; the catalogue counts.
         if catalogue.find(reference.name) or self._is_drawn(model):
             return None
-        # A part that the catalogue does not know, made of primitives, and without a header that
-        # declares it.
+        # An unknown part may be embedded too. It is made of primitives and may lack the header that
+        # would declare it.
         is_part = reference.name.lower().endswith(".dat") and not self._holds_parts(model)
         return None if is_part else model
 
@@ -550,11 +556,12 @@ class _Builder:
         for inner in found:
             if inner is None or inner.is_shape:
                 continue
-            # One that is drawn and places nothing is a piece, no sub-model.
+            # A drawing that places nothing is a piece and no sub-model.
             is_drawn_piece = inner.is_drawn and not inner.references
             if not is_drawn_piece:
                 return True
-        # A piece, as a battery is one of a hub, makes an assembly too (`join_pieces`).
+        # `join_pieces` joins the pieces of parts later, as the battery of a hub, so a model that
+        # holds one is a sub-model.
         return any(is_known(part.name) or is_piece(part.name) for part in model.references)
 
     def _join(
@@ -565,7 +572,7 @@ class _Builder:
     ) -> tuple[int, ...]:
         """Build a sub-model that a line places. Returns the indices of its parts."""
         self._count(reference)
-        # A stretched sub-model is left out whole: all of its parts would be stretched.
+        # Stretching a sub-model would stretch all of its parts, so it is left out whole.
         if reference.is_stretched:
             self.faults.append(LineFault(reference.line, _STRETCHED.format(reference.name)))
             return ()
@@ -574,7 +581,7 @@ class _Builder:
         if not model.references:
             text = f"'{reference.name}' has no parts; draw some in it, or remove this line"
             self.faults.append(LineFault(reference.line, text))
-        # One part needs no steps of its own: it belongs to the step that places it.
+        # A single part needs no steps of its own and belongs to the step that places it.
         if len(parts) == 1:
             del self.steps[steps_before:]
         if reference.is_free or reference.is_fixed or reference.ball is not None:
@@ -582,7 +589,8 @@ class _Builder:
                 reference,
                 f"'{reference.name}' is no part; write FREE, FIXED and BALL before a part in it",
             )
-        # Of two equal sub-models, each has a port and stops of its own.
+        # Marks before a sub-model belong to its motor, so that two copies of one leg can have
+        # different ports and stops.
         if reference.port is not None or reference.stops_deg is not None:
             device = self._only_device(reference, parts)
             self.parts[device.index] = device.with_marks_of(reference)
@@ -617,7 +625,8 @@ class _Builder:
         self._count(reference)
         part = catalogue.find(reference.name)
         if part is None:
-            # A cable is one piece; its segments, in a model that is drawn, are no pieces at all.
+            # A drawn cable counts as one piece, so the unknown segments in its model are not
+            # counted.
             if self._is_drawn(self.models.find(reference.name, model)):
                 self.drawn.append(reference.line)
             elif not model.is_drawn:
@@ -629,7 +638,8 @@ class _Builder:
             return None
         rotation = reference.matrix
         marks = reference.marks
-        # Editors mirror halves of a model; a symmetric part can be turned instead.
+        # Editors mirror halves of a model. A symmetric part can be turned to look the same, so only
+        # others are refused.
         if np.linalg.det(rotation) < 0.0:
             if part.mirror is None:
                 text = (
@@ -638,7 +648,8 @@ class _Builder:
                 )
                 self.faults.append(LineFault(reference.line, text))
                 return None
-            # The part's own mirror image first, which changes nothing: two reflections are a turn.
+            # The part is mirrored onto itself first, which changes nothing: two reflections make a
+            # rotation.
             rotation = rotation * part.mirror
             marks["ball"] = None
             if reference.ball is not None:

@@ -13,7 +13,7 @@ from bricktwin.plans.bodies import find_bodies
 from bricktwin.plans.building import Occupancy
 from bricktwin.plans.connections import connections, meshes
 from bricktwin.plans.geometry import M_PER_LDU, rotation
-from bricktwin.plans.ldraw_text import sources_of
+from bricktwin.plans.ldraw_text import sources_of, unread
 from bricktwin.plans.mechanism.articulation import Articulation, Drive, articulation
 from bricktwin.plans.mechanism.kinematics import TO_TWIN, Train, Wheel, mechanism, trains
 from bricktwin.plans.part import DeviceKind
@@ -52,14 +52,12 @@ def planned_robot(path: Path) -> PlannedRobot:
     try:
         return _planned(path, tuple(sources_of(path)))
     except OSError as error:
-        raise PlanError(
-            f"{path}: {error.strerror or error}; name an LDraw file (.ldr, .mpd or .io)"
-        ) from None
+        raise unread(path, error) from None
 
 
 @functools.lru_cache(maxsize=16)
 def _planned(path: Path, _sources: tuple[bytes, ...]) -> PlannedRobot:
-    # By its sources too, as a file may be changed while a program runs.
+    # The sources are part of the key, because a file may change while a program runs.
     return planned(read_plan(path))
 
 
@@ -91,11 +89,12 @@ def planned(plan: Plan) -> PlannedRobot:
     return PlannedRobot(plan, gear_trains, articulation(robot_mechanism, gear_trains))
 
 
-# Steps of the search, degrees of the driven part: coarse, and then fine before what it meets.
+# The search moves the driven part by these steps (degrees): coarse ones, and fine ones just before
+# it meets something.
 _STEP_DEG = 5.0
 _FINE_DEG = 0.5
 _LEAST_WAY_DEG = 5.0
-"""Less than this between two stops is no way, degrees of the driven part."""
+"""Least way between two stops, degrees of the driven part. Less is no way at all."""
 
 
 @functools.lru_cache(maxsize=64)
@@ -113,7 +112,8 @@ def free_deg(
     drive = next(drive for drive in planned.articulation.drives if drive.port == port)
     start = planned.device(port).angle_deg
     sweep = _Sweep(planned, drive)
-    # The gear is turns of the motor per turn of the driven part, which is what is moved.
+    # The gear converts angles, because the driven part is moved here but the motor's angle is
+    # limited.
     reached_low = start + sweep.reach((low - start) / drive.gear) * drive.gear
     reached_high = start + sweep.reach((high - start) / drive.gear) * drive.gear
     return min(start, reached_low), max(start, reached_high)
@@ -121,9 +121,9 @@ def free_deg(
 
 @functools.lru_cache(maxsize=64)
 def stops_deg(planned: PlannedRobot, port: str) -> tuple[float, float] | None:
-    """Angles of a motor at which what it drives meets other parts, degrees of its rotation sensor;
-    ``None`` if it can turn all around, or if nobody knows: what has wheels, which give way, and
-    what is part of a linkage, whose other parts move too."""
+    """Angles of a motor (degrees of its rotation sensor) at which the driven parts meet others.
+    ``None`` if it can turn all around, and where the angles are unknown: wheels give way, and in a
+    linkage other parts move too."""
     articulation = planned.articulation
     drive = next(drive for drive in articulation.drives if drive.port == port)
     carried = carried_by(articulation, drive)
@@ -139,13 +139,13 @@ def stops_deg(planned: PlannedRobot, port: str) -> tuple[float, float] | None:
         start + turn,
     )
     is_all_around = low <= start - turn or high >= start + turn
-    # What can hardly move is drawn too closely: real parts have more room.
+    # A part that can hardly move has been drawn with too little room; the real one has more.
     is_locked = high - low < _LEAST_WAY_DEG * abs(drive.gear)
     return None if is_all_around or is_locked else (low, high)
 
 
 def carried_by(articulation: Articulation, drive: Drive) -> set[int]:
-    """Bodies that a motor moves: what it drives, and all on that."""
+    """Bodies that a motor moves: the driven one, and all that it carries."""
     carried = {drive.joint.child}
     for joint in articulation.joints:
         if joint.parent in carried:
@@ -164,17 +164,16 @@ class _Sweep:
         articulation = planned.articulation
         motor = planned.device(drive.port)
         sites = tuple(site for site in motor.part.sites if not site.turns)
-        # Without the motor's disc, which turns with the driven parts.
+        # The disc on the motor's shaft turns with the driven parts, so the case goes without it.
         case = replace(motor, part=replace(motor.part, turning=(), sites=sites))
         self._parts = tuple(case if part is motor else part for part in planned.plan.parts)
-        # In the plan's frame, LDU.
         self._axis = TO_TWIN.T @ drive.joint.axis
         self._point = TO_TWIN.T @ drive.joint.point_m / M_PER_LDU
         carried = carried_by(articulation, drive)
         self._moved = {part for body in carried for part in articulation.bodies[body].parts}
         self._others = np.ones(len(self._parts), dtype=bool)
         self._others[list(self._moved)] = False
-        # Geared parts and rods move away, so they are not tested.
+        # Geared parts and rods move too, which this sweep does not follow, so they are not tested.
         for geared in articulation.geared:
             if geared.port == drive.port:
                 self._others[list(articulation.bodies[geared.joint.child].parts)] = False
@@ -193,7 +192,7 @@ class _Sweep:
             if self._is_clear(sign * blocked):
                 free = blocked
                 continue
-            # Bisection between the last free step and the blocked one.
+            # Bisection narrows the gap between the last free step and the blocked one.
             while blocked - free > _FINE_DEG:
                 middle = (free + blocked) / 2
                 if self._is_clear(sign * middle):
@@ -204,12 +203,12 @@ class _Sweep:
         return travel_deg
 
     def _is_clear(self, angle_deg: float) -> bool:
-        """Whether what is moved, turned by an angle of the driven part, meets nothing."""
+        """Whether the moved parts meet nothing when the driven part is turned by an angle."""
         turn = rotation(self._axis, math.radians(angle_deg))
         parts = list(self._parts)
         for index in self._moved:
             placed = parts[index]
             position = turn @ (placed.position - self._point) + self._point
             parts[index] = replace(placed, rotation=turn @ placed.rotation, position=position)
-        # Parts know their bounds and samples: only the moved ones are computed anew.
+        # Parts know their bounds and samples, so only those of the moved ones are computed anew.
         return Occupancy(parts).is_free(self._moved, self._others, np.zeros(3))

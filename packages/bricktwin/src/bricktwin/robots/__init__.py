@@ -22,7 +22,7 @@ __all__ = ["BENCH", "CART", "ROBOTS", "ROBO_ARM", "SCOUT", "TWO_WHEELER", "WALKE
 TWO_WHEELER = Robot(
     name="two-wheeler",
     hub=HubKind.PRIME,
-    # The two motors are mirrored: the same turn of both, seen from outside, would spin the robot.
+    # The motors are mirrored: turned the same way, seen from outside, they would spin the robot.
     motors=(Motor("left", "E", direction=Direction.COUNTERCLOCKWISE), Motor("right", "A")),
     sensors=(UltrasonicSensor("eyes", "C"),),
     drive_base=DriveBase(
@@ -87,7 +87,7 @@ WALKER = Robot(
     sensors=(UltrasonicSensor("eyes", "E"),),
     needs_imu=True,
     model="bricktwin.robots.plans:walker.ldr",
-    # What is learned on one side of the body holds on the other.
+    # The two sides of the body are alike, so what is learned on one holds on the other.
     mirrored=(("left_front", "right_front"), ("left_back", "right_back")),
 )
 """The Walker: four legs on cranks, a motor for each, and an ultrasonic sensor facing forward."""

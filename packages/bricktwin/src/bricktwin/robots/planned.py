@@ -32,17 +32,17 @@ if TYPE_CHECKING:
     from bricktwin.plans.plan import Placed, Plan
     from bricktwin.plans.planned_robot import PlannedRobot
 
-# How far a description and its plan may be apart.
 _WHEEL_TOLERANCE_MM = 0.5
-"""Of a wheel's diameter."""
+"""Largest difference of a wheel's diameter, mm."""
 _TRACK_TOLERANCE_MM = 2.0
-"""Of the distance between the wheels."""
+"""Largest difference of the distance between the wheels, mm."""
 _RATIO_TOLERANCE = 0.01
-"""Of a gear ratio, as a share of it."""
+"""Largest difference of a gear ratio, as a share of it."""
 _ALIGNED_COSINE = 0.999
 """Cosine of the largest angle, 2.6 degrees, at which a side of the hub looks along an axis."""
 _Mistake = tuple[int, str, str]
-"""Line in the plan's file, 0 for the whole plan; name; what is wrong and what to do."""
+"""A mistake: its line in the plan's file (0 for the whole plan), its name, and what is wrong and
+what to do."""
 
 
 class DeviceFacts(NamedTuple):
@@ -95,7 +95,8 @@ def read_facts(path: Path) -> PlanFacts:
     something has no twin."""
 
     def made() -> PlanFacts:
-        # Here, as the import takes longer than reading kept facts.
+        # This is imported only where it is needed, because that takes longer than reading facts
+        # that were kept.
         from bricktwin.plans.planned_robot import planned_robot
 
         return facts_of(planned_robot(path))
@@ -117,12 +118,13 @@ def facts_of(design: PlannedRobot) -> PlanFacts:
     wheels: dict[str, tuple[float, float, bool]] = {}
     for drive, wheel in design.rolling:
         left_m = float(wheel.centre_m[1])
-        # Turning about +y, to the left, rolls forwards.
+        # Turning about +y, which points to the left, rolls forwards.
         is_forward = float(drive.joint.axis[1]) * drive.gear > 0
         wheels[drive.port] = (wheel.diameter_mm, left_m, is_forward)
 
     def facts(placed: Placed) -> DeviceFacts:
-        # In the part's frame its top is -y, as the plan's y points down, and its front is z.
+        # In the frame of the part the top is -y, because a plan's y points down, and the front is
+        # z.
         top = TO_TWIN @ placed.rotation @ (0.0, -1.0, 0.0)
         front = TO_TWIN @ placed.rotation @ (0.0, 0.0, 1.0)
         sides: list[str] = []
@@ -165,7 +167,7 @@ def _decoded(data: bytes) -> PlanFacts:
 
 def _device(row: Sequence[Any]) -> DeviceFacts:
     facts = DeviceFacts(*row)
-    # JSON has lists only; facts that were kept equal those that were just made.
+    # JSON has only lists. With tuples, facts that were kept equal those that were just made.
     return facts._replace(
         sides=tuple(facts.sides),
         stops_deg=tuple(facts.stops_deg),
@@ -184,7 +186,7 @@ def plan_file(model: str) -> Path | None:
     package, _, file = model.rpartition(":")
     if not is_plan(file):
         return None
-    # One letter is the drive of a path of Windows.
+    # A single letter before the colon is a drive of Windows.
     if len(package) < 2:
         return Path(model)
     try:
@@ -196,7 +198,7 @@ def plan_file(model: str) -> Path | None:
 
 
 class _Description(NamedTuple):
-    """What a robot has, in the words of `Robot`, while its plan still completes it."""
+    """A robot in the words of `Robot`, while its plan still completes it."""
 
     name: str
     hub: AnyHub
@@ -240,13 +242,13 @@ def robot_of_plan(
         PlanError: the plan cannot be read.
         DescriptionError: the plan has no hub of ours, or contradicts what is said here.
     """
-    # A file that is named otherwise may be a plan all the same; reading it will tell.
+    # A file without a plan's ending may be a plan all the same, which reading it will show.
     file = plan_file(str(path)) or Path(path)
     design = read_facts(file)
     if hub is None:
         hub = _hub_of(file, design)
     if needs_imu is None:
-        # An inertial sensor is of use where the plan says how the hub lies.
+        # An inertial sensor is only useful if the plan says how the hub lies.
         needs_imu = hub.model.has_imu and len(design.hub_sides) == 2
     description = Robot(
         _name_of(file) if name is None else name,
@@ -286,7 +288,7 @@ def completed(robot: Robot) -> Robot:
         robot.hub_sides,
     )
     whole = _completed(description, read_facts(path), path)
-    # Without the plan, which has said all that it can.
+    # The plan has said all that it can, so the completed robot does not name it.
     return replace(
         robot,
         motors=whole.motors,
@@ -307,7 +309,7 @@ def _hub_of(path: Path, design: PlanFacts) -> HubKind:
         hub = design.hubs[0]
         if hub.name in kinds:
             return kinds[hub.name]
-        # Such as that of EV3.
+        # A plan may have other hubs, such as that of EV3.
         found = hub.part
     raise DescriptionError(f"{path} has {found}; a robot needs one that runs Pybricks")
 
@@ -327,7 +329,7 @@ def _completed(
     it."""
     kinds = {kind.value for kind in (*MotorKind, *SensorKind)}
     for part in (*design.motors, *design.sensors):
-        # Such as those of EV3.
+        # A plan may have other devices, such as those of EV3.
         if part.name not in kinds:
             where = f"{path}, line {part.line}"
             raise DescriptionError(
@@ -336,7 +338,8 @@ def _completed(
             )
     motors = _motors(robot, design, path)
     sensors = _sensors(robot, design, path)
-    # After the motors, which have their ports now, by which the plan knows their wheels.
+    # This comes after the motors, because the plan knows their wheels by the ports that they have
+    # now.
     base = robot.drive_base
     if base is not None and not (base.wheel_diameter_mm and base.axle_track_mm):
         base = _with_wheels(
@@ -347,7 +350,7 @@ def _completed(
             path,
         )
     sides = robot.hub_sides
-    # Only what reads the hub's IMU must know how the hub lies.
+    # How the hub lies matters only if its IMU is read.
     if robot.needs_imu and not sides:
         sides = design.hub_sides
     completed = robot._replace(
@@ -356,7 +359,7 @@ def _completed(
         drive_base=base,
         hub_sides=sides,
     )
-    # What the plan has filled in agrees with it; what the description said itself may not.
+    # What the plan has filled in agrees with it, but what the description itself said may not.
     _raise_first(disagreements(completed, design), path)
     return completed
 
@@ -369,7 +372,7 @@ def _with_wheels(
     path: Path,
 ) -> DriveBase:
     """A drive base with the wheel diameter and axle track of the plan, where it says none."""
-    # A drive base names its motors, a plan knows them by their ports.
+    # A drive base names its motors, while a plan knows them by their ports.
     wheel_motors = {part.port: part for part in design.motors if part.wheel_mm}
     driven: dict[str, DeviceFacts] = {}
     for motor in motors:
@@ -408,7 +411,7 @@ def _motors(
     described = {motor.port for motor in motors}
     for part in design.motors:
         if part.port not in described:
-            # Motors that only the plan has count up when the robot rolls forward.
+            # A motor that only the plan has counts up when the robot rolls forward.
             direction = Direction.CLOCKWISE if part.is_forward else Direction.COUNTERCLOCKWISE
             name = part.label or f"motor_{part.port.lower()}"
             motors.append(
@@ -424,8 +427,8 @@ def _motors(
     completed_motors: list[Motor] = []
     for motor in motors:
         geared = replace(motor, gears=motor.gears or gears.get(motor.port, ()))
-        # With its gears, as stops are angles of the motor's shaft in a plan, and of its output in a
-        # description.
+        # Stops need the gears first: a plan gives them as angles of the motor's shaft, a
+        # description as angles of its output.
         completed_motors.append(_with_stops(geared, stops.get(motor.port)))
     return tuple(completed_motors)
 
@@ -434,7 +437,7 @@ def _with_stops(motor: Motor, stops_deg: tuple[float, ...] | None) -> Motor:
     """A motor with the end stops of the plan, if it has none of its own."""
     if motor.end_stops_deg is not None or stops_deg is None:
         return motor
-    # Sorted, as a motor that counts the other way round swaps them.
+    # The ends are sorted, because a motor that counts the other way round swaps them.
     low, high = sorted(angle / motor.shaft_turns for angle in stops_deg)
     return replace(motor, end_stops_deg=(low, high))
 
@@ -499,17 +502,17 @@ def disagreements(robot: Robot | _Description, design: PlanFacts) -> Iterator[_M
             yield from _check_device(name, device, parts[device.port])
         else:
             text = (
-                f"the robot {name} has '{device.name}' on port {device.port}, the plan "
-                "nothing; add it with 0 !BRICKSRL PORT"
+                f"the robot {name} has '{device.name}' on port {device.port}, but the plan has "
+                "nothing there; add it with 0 !BRICKSRL PORT"
             )
             yield 0, "wiring", text
-    # And the other way round: what the plan has, and the description has not.
+    # The other way round, the plan may have a device that the description lacks.
     described = {device.port for device in devices}
     for port, part in parts.items():
         if port not in described:
             text = (
-                f"port {port} has {part.part} '{part.label or ''}', but for the robot {name} "
-                "nothing; make both agree"
+                f"port {port} has {_named(part)} in the plan, but the robot {name} has nothing "
+                "there; make both agree"
             )
             yield part.line, "wiring", text
     if base is not None:
@@ -527,16 +530,22 @@ def _wrong_mount(
     sides: tuple[str, ...],
     planned_sides: tuple[str, ...],
 ) -> str:
-    """What is wrong with how the hub lies in a plan, and what to do. ``sides``: of its top and its
-    front in the description."""
-    # Pybricks is told which of the hub's axes point up and forwards: it cannot lie in between.
+    """Message on how the hub lies in a plan: what is wrong, and what to do. ``sides`` are those of
+    its top and its front in the description."""
+    # Pybricks is told which axes of the hub point up and forwards, so the hub cannot lie in
+    # between.
     if len(planned_sides) != 2:
         return "the hub is at an angle, so its IMU cannot be read; turn it, or say needs_imu=False"
     top, front = planned_sides
     return (
-        f"the hub's top looks {top} and its front {front}, but for the robot {name} "
+        f"the hub's top looks {top} and its front {front} in the plan, but the robot {name} says "
         f"{sides[0]} and {sides[1]}; turn it, or say hub_sides={planned_sides}"
     )
+
+
+def _named(part: DeviceFacts) -> str:
+    """A device of a plan in words: its part, and its name there, if it has one."""
+    return part.part if part.label is None else f"{part.part} '{part.label}'"
 
 
 def _check_device(
@@ -546,29 +555,29 @@ def _check_device(
 ) -> Iterator[_Mistake]:
     """Contradictions in name, kind and gears of a motor or sensor."""
     kind = device.kind.value
-    label = f"port {device.port} has {part.part} '{part.label or ''}'"
+    label = f"port {device.port} has {_named(part)} in the plan"
     if part.name != kind:
         yield (
             part.line,
             "wiring",
-            f"{label}, but for the robot {name} '{device.name}', a {kind}; make both agree",
+            f"{label}, but the robot {name} has '{device.name}' there, a {kind}; make both agree",
         )
     elif part.label is not None and part.label != device.name:
         yield (
             part.line,
             "wiring",
-            f"{label}, but for the robot {name} '{device.name}'; make both agree",
+            f"{label}, but the robot {name} calls it '{device.name}'; make both agree",
         )
     elif isinstance(device, Motor) and device.gears and part.ratio:
         if device.gears[0] == device.gears[-1]:
             return
-        # Without its sign: teeth do not say which way the output turns.
+        # The sign is left out, because teeth do not tell which way the output turns.
         ratio = device.gears[0] / device.gears[-1]
         if abs(ratio - abs(part.ratio)) > _RATIO_TOLERANCE * ratio:
             teeth = " to ".join(map(str, part.gears)) or "no gears"
             text = (
-                f"motor '{device.name}' has gears {device.gears} for the robot {name}, but "
-                f"{teeth} in the plan; correct one"
+                f"the robot {name} says that motor '{device.name}' has gears {device.gears}, but "
+                f"the plan has {teeth}; correct one"
             )
             yield part.line, "gears", text
 
@@ -582,7 +591,7 @@ def _check_wheels(
     """Contradictions in a drive base: wheel diameter and axle track."""
     positions_m = []
     for side, part in ((base.left, left), (base.right, right)):
-        # A motor that the plan lacks is a mistake of its own (`disagreements`).
+        # A motor that the plan lacks is skipped, because `disagreements` already reports it.
         if part is None:
             return
         if not part.wheel_mm or abs(part.wheel_mm - base.wheel_diameter_mm) > _WHEEL_TOLERANCE_MM:
@@ -592,7 +601,7 @@ def _check_wheels(
                 f"{name} says, but turns {turns}"
             )
             yield part.line, "wheels", f"{text}; use the wheel that is meant"
-            # A track between wheels that are not meant says nothing.
+            # The track between wheels that are not the intended ones means nothing.
             return
         positions_m.append(part.wheel_left_m)
     track_mm = abs(positions_m[0] - positions_m[1]) * 1000
@@ -612,7 +621,8 @@ def check_named(plan: Plan) -> list[Finding]:
     """
     if plan.robot is None:
         return []
-    # Late, as the mechanism of a plan takes longer to import than kept facts to read.
+    # This is imported late, because the mechanism of a plan takes longer to import than kept facts
+    # to read.
     from bricktwin.plans.planned_robot import planned
 
     try:
@@ -644,7 +654,7 @@ def without_stops(plan: Plan) -> list[str]:
         port = drive.port
         if port in ranged or port in rolling or design.device(port).stops_deg is not None:
             continue
-        # Last, as it turns the motor through all of its ways.
+        # This test comes last, because it turns the motor through all of its ways.
         if stops_deg(design, port) is None:
             ports.append(port)
     return sorted(ports)
@@ -655,7 +665,7 @@ def check_description(robot: Robot, path: Path) -> None:
     DescriptionError if the plan contradicts the description, PlanError if the plan cannot be
     read."""
     design = read_facts(path)
-    # A sensor that was added to the robot of a plan is no contradiction.
+    # A sensor that was added to the robot of a plan does not contradict the plan.
     ports = {part.port for part in design.sensors}
     sensors = tuple(sensor for sensor in robot.sensors if sensor.port in ports)
     compared = _Description(

@@ -6,7 +6,6 @@ that each motor's voltage is set before the physics step that it acts in. The si
 deterministic, bit for bit.
 """
 
-import copy
 import functools
 import math
 from collections.abc import Callable
@@ -18,20 +17,19 @@ import numpy as np
 from brickhub.errors import TwinError
 from brickhub.robot import Robot
 from brickhub.virtual.body import Rng
+from bricktwin.twin.body import STEPS_PER_LOAD, NoiseSources, TwinBody
+from bricktwin.twin.model_physics import set_physics
 from bricktwin.twin.models.kept_models import kept_model
-from bricktwin.twin.models.mjcf import LOOKS, add_camera, add_light, new_spec, yaw_quaternion
+from bricktwin.twin.models.mjcf import LOOKS, add_camera, add_light, new_spec
 from bricktwin.twin.models.scenery import add_geom
-from bricktwin.twin.mujoco_body import (
-    STEPS_PER_LOAD,
-    MujocoBody,
-    Pose,
-    come_to_rest,
-    set_physics,
-    settle,
-)
+from bricktwin.twin.mujoco_body import MujocoBody
+from bricktwin.twin.mujoco_engine import MujocoEngine
 from bricktwin.twin.physics import Physics
+from bricktwin.twin.rotations import yaw_quaternion
 from bricktwin.twin.scene import OPEN_FLOOR
-from bricktwin.twin.senses import SummedNoise, Turns, clockwise_deg
+from bricktwin.twin.senses import clockwise_deg
+from bricktwin.twin.settling import come_to_rest, halt, settle
+from bricktwin.twin.standing import Pose
 
 _WALL_HALF_HEIGHT_M = 0.04
 _WALL_HALF_WIDTH_M = 0.012
@@ -252,6 +250,7 @@ class ArenaWorld:
         seed: seed of the sensors' noise.
 
     Attributes:
+        engine: engine of the one model.
         bodies: bodies in the order of the arena's robots.
         runners: functions that run a robot's hub up to a time in ms, in the same order; to be set
             before any time passes.
@@ -266,9 +265,8 @@ class ArenaWorld:
         seed: int = 0,
     ) -> None:
         self.arena = arena
-        self._nominal = _compiled(arena)
-        self.model = copy.copy(self._nominal)
-        self.data = mujoco.MjData(self.model)
+        engine = MujocoEngine(_compiled(arena))
+        self.engine = engine
         self.time_ms = 0
         self.steps = 0
         self.runners: list[Callable[[int], None]] = []
@@ -287,18 +285,17 @@ class ArenaWorld:
                 )
             )
         # Loads are what their description says, whatever the physics of the robots.
-        model = self.model
         loads: list[int] = []
         self._loads: list[int] = []
         """Address of the first position of each load."""
         for load in arena.loads:
-            loads.append(int(model.body(load.name).id))
-            joint = model.joint(load.name)
-            self._loads.append(int(joint.qposadr[0]))
-        scaled = [body for body in range(model.nbody) if body not in loads]
+            loads.append(engine.index("body", load.name))
+            joint = engine.index("joint", load.name)
+            self._loads.append(engine.indices("jnt_qposadr")[joint])
+        bodies = range(len(engine.names("body")))
+        scaled = [body for body in bodies if body not in loads]
         set_physics(
-            model,
-            self._nominal,
+            engine,
             physics,
             self.bodies,
             scaled,
@@ -309,8 +306,8 @@ class ArenaWorld:
         """Let all robots settle on the floor, far from one another, and record their stances."""
         addresses = [body.base_address for body in self.bodies] + self._loads
         for number, address in enumerate(addresses):
-            self.data.qpos[address] = 2.0 * number
-        settle(self.model, self.data, self.bodies)
+            self.engine.qpos[address] = 2.0 * number
+        settle(self.engine, self.bodies)
         for body in self.bodies:
             body.record_stance()
 
@@ -319,19 +316,21 @@ class ArenaWorld:
         is not reset. Raises TwinError if no starts are found that keep the arena's gap, or a robot
         would be inside of a wall or load."""
         starts = self._starts(rng)
-        self.data.qvel[:] = 0.0
+        engine = self.engine
+        halt(engine)
         for body, start in zip(self.bodies, starts, strict=True):
             body.put(start)
         for load, address in zip(self.arena.loads, self._loads, strict=True):
             start = load.place.draw(rng)
-            quaternion = yaw_quaternion(-math.radians(start.heading_deg))
-            self.data.qpos[address : address + 7] = (
+            pose = (
                 start.x_m,
                 start.y_m,
                 load.half_size_m[2],
-                *quaternion,
+                *yaw_quaternion(-math.radians(start.heading_deg)),
             )
-        come_to_rest(self.model, self.data, self.bodies)
+            for number, value in enumerate(pose, address):
+                engine.qpos[number] = value
+        come_to_rest(engine, self.bodies)
 
     def _starts(self, rng: Rng) -> list[Pose]:
         """Start poses that keep the arena's gap, drawn until they do."""
@@ -352,9 +351,7 @@ class ArenaWorld:
         """True poses of the robots, then of the loads."""
         poses = [body.pose() for body in self.bodies]
         for address in self._loads:
-            pose = self.data.qpos[address : address + 7]
-            x_m, y_m, *_ = pose.tolist()
-            orientation = pose[3:]
+            x_m, y_m, _, *orientation = self.engine.qpos[address : address + 7]
             poses.append(Pose(x_m, y_m, clockwise_deg(orientation)))
         return poses
 
@@ -381,7 +378,7 @@ class ArenaWorld:
         remaining = time_ms * 2 // 5 - self.steps  # steps of 2.5 ms
         while remaining > 0:
             steps = min(remaining, STEPS_PER_LOAD - self.steps % STEPS_PER_LOAD)
-            mujoco.mj_step(self.model, self.data, steps)
+            self.engine.step(steps)
             remaining -= steps
             self.steps += steps
             for body in self.bodies:
@@ -409,21 +406,19 @@ class ArenaBody(MujocoBody):
         physics: Physics,
         seed: np.random.SeedSequence,
     ) -> None:
-        self.robot = contestant.robot
-        self.scene = OPEN_FLOOR
         self._arena = world
-        self._use(physics)
-        self.model = world.model
-        self.data = world.data
         self._number = world.arena.robots.index(contestant)
-        self.steps = 0
-        self._noise = np.random.default_rng(seed)
         (heading_seed,) = seed.spawn(1)
-        self._heading_noise = SummedNoise(np.random.default_rng(heading_seed))
-        self._bind(f"{contestant.name}/")
-        self._turns = Turns()
-        self._heading_at_start_deg = 0.0
-        self.coast()
+        # Without a model of its own: it is a part of the arena's.
+        TwinBody.__init__(
+            self,
+            contestant.robot,
+            OPEN_FLOOR,
+            world.engine,
+            physics,
+            NoiseSources(np.random.default_rng(seed), np.random.default_rng(heading_seed)),
+            f"{contestant.name}/",
+        )
 
     def reset(self, rng: Rng) -> None:
         """Place all robots for the start of an episode."""

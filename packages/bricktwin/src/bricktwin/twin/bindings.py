@@ -1,30 +1,33 @@
-"""Bindings of a robot's body to a compiled MuJoCo model: where its motors, sensors and base are.
+"""Bindings of a robot's body to a model: where its motors, sensors and base are.
 
-All names are looked up once, when the body is made; what is read in each step are indices, and
-views of MuJoCo's arrays, which show the present state. In an arena several robots share one model,
-and the names of each begin with its ``prefix``, ``"ROBOT/"``.
+All names are looked up once, when the body is made; what is read in each step are indices. In an
+arena several robots share one model, and the names of each begin with its ``prefix``, ``"ROBOT/"``.
 """
 
 import math
 from dataclasses import dataclass
-from typing import cast
-
-import mujoco
-import numpy as np
-from numpy.typing import NDArray
 
 from brickhub.errors import TwinError
 from brickhub.robot import Robot, Sense, Sensor, SensorKind
-from bricktwin.plans.geometry import Floats
-from bricktwin.twin.models.mjcf import OBSTACLE_GROUP, SHAPE_GROUP
+from bricktwin.twin.conventions import (
+    FOOT,
+    OBSTACLE_GROUP,
+    SHAPE_GROUP,
+    motor_name,
+    object_name,
+    site_name,
+)
+from bricktwin.twin.engine import Engine
 from bricktwin.twin.models.motors import motor_constants
-from bricktwin.twin.models.mounts import site_name
+from bricktwin.twin.rotations import Vector, rotated, vector
 from bricktwin.twin.scene import Scene
-from bricktwin.twin.senses import Vector, WorldSenses
+from bricktwin.twin.senses import WorldSenses
 from bricktwin.twin.stance import Feet
 
 _CONE_DEG = (-12.0, -6.0, 0.0, 6.0, 12.0)
 """Directions of an ultrasonic sensor's rays, to the left of where it looks."""
+_FREE = 0
+"""MuJoCo's number of a joint that moves freely (``mjtJoint``)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,19 +49,23 @@ class Root:
     feet: Feet | None
 
 
-def bind_root(model: mujoco.MjModel, prefix: str) -> Root:
+def bind_root(engine: Engine, prefix: str) -> Root:
     """The first body of a robot."""
-    # Alone, the robot's joints are the first; in an arena only names tell whose they are.
-    joint = int(model.body(f"{prefix}chassis").jntadr[0]) if prefix else 0
-    feet = [geom for geom in range(model.ngeom) if model.geom(geom).name.startswith("foot_")]
+    joint = 0
+    if prefix:
+        # Alone, the robot's joints are the first; in an arena only names tell whose they are.
+        chassis = engine.index("body", f"{prefix}chassis")
+        joint = engine.indices("body_jntadr")[chassis]
+    names = engine.names("geom")
+    feet = [geom for geom, name in enumerate(names) if name.startswith(FOOT)]
     # Nothing stands on one foot; in an arena a robot keeps the stance in which it has settled.
     derives_stance = len(feet) > 1 and not prefix
     return Root(
-        body=int(model.jnt_bodyid[joint]),
-        is_free=bool(model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_FREE),
-        address=int(model.jnt_qposadr[joint]),
-        dof=int(model.jnt_dofadr[joint]),
-        feet=Feet(model, feet) if derives_stance else None,
+        body=engine.indices("jnt_bodyid")[joint],
+        is_free=engine.indices("jnt_type")[joint] == _FREE,
+        address=engine.indices("jnt_qposadr")[joint],
+        dof=engine.indices("jnt_dofadr")[joint],
+        feet=Feet(engine, feet) if derives_stance else None,
     )
 
 
@@ -67,66 +74,69 @@ class Motors:
     """Motors of a robot.
 
     Attributes:
-        terminals: index of the actuator, and the bit of its circuit in MuJoCo's option
-            ``disableactuator``, by port.
+        terminals: index of the actuator, and the bit of its circuit in the engine's
+            ``open_circuits``, by port.
         shafts: address of the joint's position, and millidegrees of the shaft for a radian there,
             by port.
         amperes: index of the actuator, and current for a torque, of each motor.
+        joints: index of each motor's joint, by port.
         dofs: degree of freedom of each motor's joint.
         tyres: geometries of the drive base's tyres, left and right, if it has such.
-        positions: of all joints, a view.
-        voltages_v: of all actuators, a view; what is written there is applied.
-        torques_nm: of all actuators, a view.
     """
 
     terminals: dict[str, tuple[int, int]]
     shafts: dict[str, tuple[int, float]]
     amperes: list[tuple[int, float]]
+    joints: dict[str, int]
     dofs: list[int]
     tyres: list[int]
-    positions: "memoryview[float]"
-    voltages_v: "memoryview[float]"
-    torques_nm: "memoryview[float]"
 
 
 def bind_motors(
-    model: mujoco.MjModel,
-    data: mujoco.MjData,
+    engine: Engine,
     robot: Robot,
     prefix: str,
 ) -> Motors:
-    """The motors of a robot, in the order of its description."""
+    """The motors of a robot, in the order of its description. Raises TwinError if the model has no
+    joint or actuator for one."""
     terminals = {}
     shafts = {}
     amperes = []
+    joints = {}
     dofs = []
+    groups = engine.indices("actuator_group")
+    # Six numbers each, of which a hinge has the first.
+    gears = engine.nominal("actuator_gear")
+    addresses = engine.indices("jnt_qposadr")
+    first_dofs = engine.indices("jnt_dofadr")
     for motor in robot.motors:
-        joint = model.joint(f"{prefix}motor_{motor.port}")
-        actuator = int(model.actuator(f"{prefix}motor_{motor.port}").id)
-        circuit = 1 << int(model.actuator_group[actuator])
-        gear = float(model.actuator_gear[actuator, 0])
-        terminals[motor.port] = (actuator, circuit)
-        address = int(joint.qposadr[0])
-        mdeg_per_rad = gear * math.degrees(1000.0)
-        shafts[motor.port] = (address, mdeg_per_rad)
+        name = f"{prefix}{motor_name(motor.port)}"
+        joint = engine.index("joint", name)
+        actuator = engine.index("actuator", name)
+        if joint < 0 or actuator < 0:
+            raise TwinError(
+                f"the model of robot '{robot.name}' has no motor '{motor.name}' (a joint and an "
+                f"actuator '{name}'); give it both"
+            )
+        terminals[motor.port] = (actuator, 1 << groups[actuator])
+        mdeg_per_rad = gears[6 * actuator] * math.degrees(1000.0)
+        shafts[motor.port] = (addresses[joint], mdeg_per_rad)
         constants = motor_constants(motor.kind)
         amperes.append((actuator, 1.0 / constants.torque_nm_a))
-        dofs.append(int(joint.dofadr[0]))
-    # Memory views, as NumPy is slow for single values.
+        joints[motor.port] = joint
+        dofs.append(first_dofs[joint])
     return Motors(
         terminals=terminals,
         shafts=shafts,
         amperes=amperes,
+        joints=joints,
         dofs=dofs,
-        tyres=_tyres(model, robot, prefix),
-        positions=cast("memoryview[float]", memoryview(data.qpos)),
-        voltages_v=cast("memoryview[float]", memoryview(data.ctrl)),
-        torques_nm=cast("memoryview[float]", memoryview(data.actuator_force)),
+        tyres=_tyres(engine, robot, prefix),
     )
 
 
 def _tyres(
-    model: mujoco.MjModel,
+    engine: Engine,
     robot: Robot,
     prefix: str,
 ) -> list[int]:
@@ -137,112 +147,103 @@ def _tyres(
     tyres = []
     for name in (base.left, base.right):
         tyre = f"{prefix}tyre_{robot.motor(name).port}"
-        tyres.append(mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, tyre))
-    # A model of the user may have other names, which MuJoCo answers with -1.
+        tyres.append(engine.index("geom", tyre))
+    # A model of the user may have other names.
     return tyres if min(tyres) >= 0 else []
 
 
 @dataclass(frozen=True, slots=True)
 class Sensors:
-    """Sensors of a robot, by port. Positions ``[3]`` and axes ``[3, 3]``, as columns, are in the
-    frame of the robot's first body; sensors look along their x axes.
+    """Sensors of a robot, by port. Positions and directions are in the frame of the robot's first
+    body.
 
     Attributes:
         kinds: of those that sense anything.
-        frames: position and axes of each.
-        sonars: position and directions of the rays ``[5, 3]`` of each ultrasonic sensor.
-        forces: what a force sensor feels (N) ``[1]``, a view.
-        echoing_groups: flags of the geometry groups that throw sound back.
+        gazes: position of each, and where it looks.
+        sonars: position and directions of the rays of each ultrasonic sensor.
+        forces: address of what a force sensor feels (N) in the engine's ``sensordata``.
+        echoing_groups: geometry groups that throw sound back.
         silent_body: body that sound passes through; -1 for none.
         soft_geoms: geometries of the scene that scatter sound.
         world: what can be seen from a place.
     """
 
     kinds: dict[str, SensorKind]
-    frames: dict[str, tuple[Vector, Floats]]
-    sonars: dict[str, tuple[Vector, Floats]]
-    forces: dict[str, Vector]
-    echoing_groups: NDArray[np.uint8]
+    gazes: dict[str, tuple[Vector, Vector]]
+    sonars: dict[str, tuple[Vector, list[Vector]]]
+    forces: dict[str, int]
+    echoing_groups: tuple[int, ...]
     silent_body: int
     soft_geoms: set[int]
     world: WorldSenses
 
 
 def bind_sensors(
-    model: mujoco.MjModel,
-    data: mujoco.MjData,
+    engine: Engine,
     robot: Robot,
     scene: Scene,
     root: Root,
     prefix: str,
 ) -> Sensors:
     """The sensors of a robot. Raises TwinError if the model has no place for one."""
-    rays = _rays()
     kinds: dict[str, SensorKind] = {}
-    frames: dict[str, tuple[Vector, Floats]] = {}
-    sonars: dict[str, tuple[Vector, Floats]] = {}
-    forces: dict[str, Vector] = {}
+    gazes: dict[str, tuple[Vector, Vector]] = {}
+    sonars: dict[str, tuple[Vector, list[Vector]]] = {}
+    forces: dict[str, int] = {}
     for sensor in robot.sensors:
         kind = sensor.kind
         if not kind.model.senses:
             continue
-        position_m, axes = _frame(model, robot, sensor, prefix)
+        site = _site(engine, robot, sensor, prefix)
+        position_m = vector(engine.nominal("site_pos")[3 * site : 3 * site + 3])
+        turn = engine.nominal("site_quat")[4 * site : 4 * site + 4]
         kinds[sensor.port] = kind
-        frames[sensor.port] = (position_m, axes)
+        # Sensors look along their x axes.
+        gazes[sensor.port] = (position_m, rotated((1.0, 0.0, 0.0), turn))
         if kind.model.range_mm is not None:
-            sonars[sensor.port] = (position_m, rays @ axes.T)
+            rays = [rotated(_in_cone(angle_deg), turn) for angle_deg in _CONE_DEG]
+            sonars[sensor.port] = (position_m, rays)
         if Sense.FORCE in kind.model.senses:
-            touch = data.sensor(f"{prefix}force_{sensor.port}")
-            forces[sensor.port] = touch.data
+            touch = engine.index("sensor", f"{prefix}force_{sensor.port}")
+            forces[sensor.port] = engine.indices("sensor_adr")[touch]
 
     # In an arena the other robots are obstacles too, but not this one.
     is_in_arena = bool(prefix)
-    echoing_groups = np.zeros(6, np.uint8)
-    echoing_groups[OBSTACLE_GROUP] = 1
-    if is_in_arena:
-        echoing_groups[SHAPE_GROUP] = 1
     soft_geoms = set()
     for number, item in enumerate(scene.solids):
         if item.soft:
-            geom = model.geom(f"object_{number}")
-            soft_geoms.add(int(geom.id))
+            soft_geoms.add(engine.index("geom", object_name(number)))
     return Sensors(
         kinds=kinds,
-        frames=frames,
+        gazes=gazes,
         sonars=sonars,
         forces=forces,
-        echoing_groups=echoing_groups,
+        echoing_groups=(OBSTACLE_GROUP, SHAPE_GROUP) if is_in_arena else (OBSTACLE_GROUP,),
         silent_body=root.body if is_in_arena else -1,
         soft_geoms=soft_geoms,
-        world=WorldSenses(model, data, scene),
+        world=WorldSenses(engine, scene),
     )
 
 
-def _rays() -> Floats:
-    """Directions ``[5, 3]`` of an ultrasonic sensor's rays, in its own axes."""
-    rays = []
-    for angle_deg in _CONE_DEG:
-        angle = math.radians(angle_deg)
-        rays.append((math.cos(angle), math.sin(angle), 0.0))
-    return np.array(rays)
+def _in_cone(angle_deg: float) -> Vector:
+    """Direction of an ultrasonic sensor's ray, in its own axes."""
+    angle = math.radians(angle_deg)
+    return math.cos(angle), math.sin(angle), 0.0
 
 
-def _frame(
-    model: mujoco.MjModel,
+def _site(
+    engine: Engine,
     robot: Robot,
     sensor: Sensor,
     prefix: str,
-) -> tuple[Vector, Floats]:
-    """Position of a sensor's site on the chassis [3], and its axes as columns [3, 3]. Raises
-    TwinError if there is no such site."""
+) -> int:
+    """Index of a sensor's site. Raises TwinError if there is none."""
     name = f"{prefix}{site_name(sensor)}"
-    site = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, name)
+    site = engine.index("site", name)
     if site < 0:
         raise TwinError(
             f"the model of robot '{robot.name}' has no place for '{sensor.name}' (a site "
             f"'{name}'); give it one, or the "
             "robot no model and the scene what the sensor reads"
         )
-    axes = np.empty(9)
-    mujoco.mju_quat2Mat(axes, model.site_quat[site])
-    return model.site_pos[site].copy(), axes.reshape(3, 3)
+    return site

@@ -12,17 +12,22 @@ import numpy as np
 from bricktwin.plans.drawing.shapes import X_AXIS, Y_AXIS
 from bricktwin.plans.geometry import Floats, triple
 from bricktwin.plans.mechanism.articulation import Articulation
-from bricktwin.twin.models.mjcf import SHAPE_GROUP, quaternion
-from bricktwin.twin.models.turning import TurningParts, add_coupling, add_loop, add_rod, add_spinner
-from bricktwin.twin.mujoco_body import MujocoBody, Pose
+from bricktwin.twin.conventions import SHAPE_GROUP
+from bricktwin.twin.models.mjcf import quaternion
+from bricktwin.twin.models.turning import add_coupling, add_loop, add_rod, add_spinner
+from bricktwin.twin.mujoco_body import MujocoBody
+from bricktwin.twin.mujoco_engine import MujocoEngine
 from bricktwin.twin.scene import Goal
+from bricktwin.twin.standing import Pose
+from bricktwin.twin.turning_parts import TurningParts
 
 _TURN_RAD = 0.25
 """Largest turn between two solutions, so that a linkage does not flip."""
 _MAX_STEPS = 8
 """Most steps of Gauss-Newton for one solution."""
 _STEP_RAD = 0.3
-"""Largest change of a hinge in one of them: near a dead centre the linear solution is far off."""
+"""Largest change of a hinge in one of these steps, because near a dead centre the linear solution
+is far off."""
 _TOLERANCE = 1e-6
 """Residual (m, rad) below which constraints hold."""
 _OPEN = 1e-3
@@ -63,7 +68,8 @@ def _close_loops(
         gaps, slopes = _constraints(model, data)
         if np.abs(gaps).max(initial=0.0) < _TOLERANCE:
             return
-        # Least squares: there may be more hinges than constraints, and the other way round.
+        # Least squares are used because the hinges may outnumber the constraints, or the other way
+        # round.
         passive_slopes = slopes[:, dofs]
         solution = np.linalg.lstsq(passive_slopes, -gaps, rcond=1e-6)
         step = np.clip(solution[0], -_STEP_RAD, _STEP_RAD)
@@ -75,7 +81,7 @@ def _close_loops(
 
 def _constraints(model: mujoco.MjModel, data: mujoco.MjData) -> tuple[Floats, Floats]:
     """Residuals [n] of the equality constraints (m, rad), and their slopes [n, nv]."""
-    # The stages of `mj_forward` that constraints need, in MuJoCo's order.
+    # These are the stages of `mj_forward` that constraints need, in MuJoCo's order.
     mujoco.mj_kinematics(model, data)
     mujoco.mj_comPos(model, data)
     mujoco.mj_tendon(model, data)
@@ -91,7 +97,7 @@ def _constraints(model: mujoco.MjModel, data: mujoco.MjData) -> tuple[Floats, Fl
         )
     else:
         slopes = data.efc_J.reshape(slopes.shape)
-    # Equalities come first; limits, friction and contacts after them.
+    # MuJoCo puts equalities first; limits, friction and contacts follow them.
     equalities = slice(0, data.ne)
     gaps = data.efc_pos[equalities].copy()
     return gaps, slopes[equalities]
@@ -114,13 +120,13 @@ class Linkage:
         data = mujoco.MjData(model)
         self._model = model
         self._data = data
-        # Bodies have their numbers only now.
+        # Bodies have numbers only after compilation.
         self._body_of: dict[int, int] = {}
         for part, body in body_of.items():
             self._body_of[part] = int(body.id)
-        self._turning = TurningParts(model)
+        self._turning = TurningParts(MujocoEngine(model, model, data))
 
-        # A hinge that no constraint depends on is free for the user to turn.
+        # A hinge that no constraint depends on is free, so a user can turn it.
         _, slopes = _constraints(model, data)
         steepest = np.abs(slopes).max(axis=0, initial=0.0)  # [nv]
         is_held = steepest > _TOLERANCE
@@ -136,7 +142,8 @@ class Linkage:
                 free.append(name)
         self.free = tuple(free)
 
-        # Motions are from the plan's configuration, as it is with all loops closed.
+        # The start is measured after the loops are closed, because a plan may leave small gaps in
+        # them.
         self.turn({})
         self._start_m = data.xpos.copy()  # [nbody, 3]
         self._start_axes = data.xmat.reshape(-1, 3, 3).copy()  # [nbody, 3, 3]
@@ -150,7 +157,7 @@ class Linkage:
         wanted = []
         for name, angle in angles.items():
             addresses.append(int(model.joint(name).qposadr[0]))
-            # Angles are those of shafts, the joints are behind the gears.
+            # The angles are those of shafts, but the joints are behind the gears.
             gear = self._gears.get(name, 1.0)
             wanted.append(angle / gear)
         changes = np.array(wanted) - data.qpos[addresses]
@@ -162,7 +169,7 @@ class Linkage:
             self._passive,
         )
         mujoco.mj_kinematics(model, data)
-        self._turning.turn(model, data)
+        self._turning.turn()
 
     def motion(self, part: int) -> tuple[Floats, Floats]:
         """Rotation [3, 3] and shift [3], m, of a part from its place in the plan; none of a part
@@ -190,11 +197,11 @@ def _add_linkage(spec: mujoco.MjSpec, made: Articulation) -> dict[int, mujoco.Mj
         parent = bodies[joint.parent]
         at_m = joint.point_m - origins_m[joint.parent]
         body = parent.add_body(name=f"body_{joint.child}", pos=at_m)
-        # Nothing here has forces, but MuJoCo compiles no body that moves without a mass.
+        # Nothing here has forces, but MuJoCo does not compile a moving body without a mass.
         body.explicitinertial = True
         body.mass = 1.0
         body.inertia = [1.0] * 3
-        # Three hinges for a ball: each of them has an angle that a user can set.
+        # A ball joint becomes three hinges, so that each has an angle that a user can set.
         axes: Iterable[Floats] = np.eye(3) if joint.is_ball else [joint.axis]
         for number, axis in enumerate(axes):
             name = drives.get(joint, f"joint_{joint.child}_{number}")
@@ -227,8 +234,8 @@ def _add_linkage(spec: mujoco.MjSpec, made: Articulation) -> dict[int, mujoco.Mj
     for number, body in enumerate(bodies):
         for part in made.bodies[number].parts:
             body_of[part] = body
-    # Rods, shafts and gears are parts of those bodies too, but move apart from them: they come
-    # last, and replace the entries of their parts.
+    # Rods, shafts and gears belong to those bodies too, but move apart from them. They are added
+    # last, to replace the entries of their parts.
     for number, rod in enumerate(made.rods):
         near_m = tuple(rod.near_m - origins_m[rod.near])
         far_m = tuple(rod.far_m - origins_m[rod.far])
@@ -268,8 +275,8 @@ def sensed_qpos(
     motors = [motor for motor in body.robot.motors if motor.name in angles_deg]
     joints = [model.joint(f"motor_{motor.port}") for motor in motors]
     addresses = [int(joint.qposadr[0]) for joint in joints]
-    # Degrees of a motor's joint per degree at its output; the model counts the shaft, clockwise
-    # positive.
+    # Angles are given at the outputs, so they are converted to the joints; the model counts the
+    # shaft, clockwise positive.
     joint_per_output = []
     for motor in motors:
         actuator = model.actuator(f"motor_{motor.port}").id
@@ -279,10 +286,11 @@ def sensed_qpos(
     factors = np.array(joint_per_output)
     sensed_deg = np.array([angles_deg[motor.name] for motor in motors])
     present_deg = np.degrees(data.qpos[addresses]) / factors
-    # The shorter way round: whole turns of a sensor say nothing of the robot.
+    # A sensor's whole turns say nothing about the robot, so each joint goes the shorter way round.
     turns_deg = (sensed_deg - present_deg + 180.0) % 360.0 - 180.0
 
-    # The hinges that follow: neither what the sensors tell, nor the play of the motors.
+    # Passive hinges follow the others: no sensor tells their angles, and they are no play of a
+    # motor.
     driven = {int(joint.id) for joint in joints}
     passive = []
     for joint in range(model.njnt):
@@ -327,11 +335,11 @@ def _stand(
     mujoco.mju_mulQuat(data.qpos[3:7], pitched, rolled)
     mujoco.mj_kinematics(model, data)
 
-    # What can be seen of the robot stands on the floor, not the shapes that collide.
+    # The robot stands on what can be seen of it, not on the shapes that collide.
     is_moving = model.body_weldid[model.geom_bodyid] != 0
     is_drawn = model.geom_group != SHAPE_GROUP
     drawn = np.flatnonzero(is_moving & is_drawn)
-    # Lowest corner of each bounding box: of its frame, only the row of heights counts.
+    # The lowest corner of each bounding box needs only the row of heights of its frame.
     middle_m = model.geom_aabb[drawn, :3]  # [n, 3]
     half_m = model.geom_aabb[drawn, 3:]  # [n, 3]
     frames = data.geom_xmat[drawn].reshape(-1, 3, 3)

@@ -40,7 +40,7 @@ class BenchTwin(BenchBody):
         super().__init__(robot, scene.readings, scene.end_stops)
         self.physics = Physics()
         self._random_physics = physics if isinstance(physics, RandomPhysics) else None
-        # Without any, the body keeps the firmware's own simulation of motors.
+        # Without physics, the body keeps the firmware's own simulation of motors.
         if isinstance(physics, Physics):
             self._apply(physics)
         elif physics is not None:
@@ -53,7 +53,7 @@ class BenchTwin(BenchBody):
         self.link = physics.link
 
     def reset(self, rng: Rng) -> None:
-        """Draw random physics, if any; there is nothing to place."""
+        """Draw random physics, if any. On a bench there is nothing to place."""
         if self._random_physics is not None:
             self._apply(self._random_physics.sample(rng))
 
@@ -84,7 +84,7 @@ def make_body(
     """
     robot.check_complete()
     scene = scene or OPEN_FLOOR
-    # From here on end stops are the robot's alone, whoever gave them.
+    # All end stops are put into the robot, so that from here on nobody has to ask who gave them.
     robot = with_end_stops(robot, {**scene.end_stops, **end_stops})
     scene = replace(scene, end_stops={})
     if not lies_on_bench(robot, scene):
@@ -94,7 +94,7 @@ def make_body(
                 "readings, or the model "
                 "(model=None), and it lies on the bench"
             )
-        # Late: a robot on the bench needs no MuJoCo.
+        # This comes late, because a robot on the bench needs no MuJoCo.
         check_mujoco()
         from bricktwin.twin.mujoco_body import MujocoBody
 
@@ -141,10 +141,11 @@ def check_mujoco() -> None:
             error,
         )
         os.environ["MUJOCO_GL"] = "disable"
-        # For the error of a renderer, which has to name what the user asked for.
+        # The variable is changed above, so a renderer that fails could not name what the user asked
+        # for without this copy.
         os.environ[ASKED_GL] = backend
         for name in list(sys.modules):
-            # Compiled modules stay: they can be loaded only once.
+            # Compiled modules stay, because they can be loaded only once.
             is_compiled = "._" in name
             if name == "mujoco" or (name.startswith("mujoco.") and not is_compiled):
                 del sys.modules[name]

@@ -73,7 +73,8 @@ def record(
     gaps_ms = []
     for command in commands:
         answer = link.act(command)
-        # What is left of the hub's time between two answers is the host's.
+        # The hub's clock between two answers covers the exchange itself and then the time that the
+        # host took.
         passed_ms = answer.hub_time_ms - answers[-1].hub_time_ms
         idle_ms = passed_ms - answer.round_trip_s * 1000
         gaps_ms.append(max(0.0, idle_ms))
@@ -83,7 +84,7 @@ def record(
         robot=robot.name,
         interface=interface,
         program_hash=link.program.hash,
-        # Also of no command at all, as a table of so many columns.
+        # The shape is given, so that a log without commands still has its columns.
         commands=np.array(sent).reshape(-1, len(interface.commands)),
         gaps_ms=np.array(gaps_ms),
         times_ms=np.array([answer.hub_time_ms for answer in answers]),
@@ -104,19 +105,21 @@ def identification_commands(
     place.
     """
     width = len(interface.commands)
-    shares = np.zeros((steps, width))  # of each command's range, -1 to 1
+    # Commands are first shares of their ranges, -1 to 1.
+    shares = np.zeros((steps, width))
     moving = shares[_REST_STEPS:]
     round_trip_steps = 2 * _RUN_STEPS
     round_trips = round(_RUN_SHARE * len(moving) / round_trip_steps)
     run_steps = round_trips * round_trip_steps
 
-    # Jerks of all strengths, most of them weak as they are cubed, each before its reverse.
+    # Jerks of all strengths come first, each followed by its reverse. Cubing the strengths makes
+    # most of them weak.
     jerks = max(0, len(moving) - run_steps) // 2
     strengths = rng.uniform(-1.0, 1.0, (jerks, width)) ** 3
     moving[: 2 * jerks : 2] = strengths
     moving[1 : 2 * jerks : 2] = -strengths
 
-    # Runs at full speed, and back.
+    # Each run is followed by a run back, so that the robot stays roughly in place.
     first_run = len(moving) - run_steps
     for start in range(first_run, len(moving), round_trip_steps):
         back = start + _RUN_STEPS
@@ -126,7 +129,7 @@ def identification_commands(
 
     lows = np.array([command.low for command in interface.commands])
     highs = np.array([command.high for command in interface.commands])
-    # A range need not be symmetrical: the two sides are scaled apart.
+    # A range need not be symmetrical, so its two sides are scaled apart.
     scaled = np.where(shares > 0, shares * highs, -shares * lows)
     values: NDArray[np.float64] = np.round(scaled)
     return values
@@ -143,7 +146,7 @@ def write_log(path: Path, log: RunLog) -> None:
         "channels": [_describe(channel) for channel in log.interface.channels],
         "settle": _describe(log.interface.settle),
     }
-    # The first answer is to a reading, and has no command.
+    # The first answer is to a reading, so it has no command.
     first: dict[str, Any] = {
         "time_ms": int(log.times_ms[0]),
         "channels": log.channels[0].tolist(),
@@ -180,10 +183,10 @@ def _log(header: dict[str, Any], lines: list[dict[str, Any]]) -> RunLog:
     commands = tuple(_part(part) for part in header["commands"])
     channels = tuple(_part(part) for part in header["channels"])
     times_ms = np.array([line["time_ms"] for line in lines])
-    # The type first: differences of other things than numbers are none.
+    # The type is checked first, because other things than numbers have no differences.
     if times_ms.dtype != np.int64 or (np.diff(times_ms) < 0).any():
         raise DescriptionError("its times are not whole numbers that increase")
-    # The first line has no command.
+    # The first line has no command, so steps begin at the second.
     steps = lines[1:]
     return RunLog(
         robot=str(header["robot"]),
@@ -219,19 +222,19 @@ def _part(data: dict[str, Any]) -> Any:
     such one."""
     fields: dict[str, Any] = {}
     for name, value in data.items():
-        # JSON has no tuples, frozen values have no lists.
+        # JSON has no tuples, and frozen values have no lists.
         fields[name] = tuple(value) if isinstance(value, list) else value
     wanted = fields.pop("kind", None)
     kinds: list[Any] = [Command, Channel, Wait, UntilDone]
-    # The list grows by all subclasses, including the user's.
+    # The list grows while it is read, by all subclasses including a user's.
     for kind in kinds:
         kinds += kind.__subclasses__()
     named = [kind for kind in kinds if kind.__name__ == wanted and not inspect.isabstract(kind)]
     if not named:
         raise DescriptionError(f"there is no command or channel {wanted!r}")
-    # Of several with one name, the last is the most special.
+    # Subclasses come after their bases, so the last kind of a name is the most special one.
     kind = named[-1]
-    # Annotations of a user's kind may name what only its type checker imports.
+    # A user's annotations may name what only a type checker imports.
     with contextlib.suppress(NameError):
         check_fields(kind, fields)
     return kind(**fields)

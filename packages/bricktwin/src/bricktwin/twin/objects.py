@@ -1,24 +1,45 @@
-"""Objects of a scene: lines and fields on the floor, walls, fixed and pushable blocks, ramps and
-lamps.
+"""Objects of a scene: lines, fields and pictures on the floor, walls, fixed and pushable blocks,
+balls, ramps and lamps.
 
 Positions are millimetres on the floor, ``(x, y)``: a robot that starts at the origin with a heading
-of 0 looks along x, y is to its left. Headings are degrees, clockwise seen from above. Lines and
-fields affect colour sensors only.
+of 0 looks along x, y is to its left. Headings are degrees, clockwise seen from above. What
+lies on the floor affects colour sensors only.
 """
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
-import numpy as np
-from numpy.typing import NDArray
-
 from brickhub.errors import TwinError, counted
-from bricktwin.plans.geometry import Floats
+from bricktwin.twin.picture import Picture, read_picture
+
+__all__ = [
+    "COLORS",
+    "Ball",
+    "Block",
+    "Field",
+    "Lamp",
+    "Line",
+    "Mark",
+    "Object",
+    "Picture",
+    "Point",
+    "Pushable",
+    "Ramp",
+    "Size",
+    "Solid",
+    "Wall",
+    "oval",
+    "read_picture",
+]
 
 Point = tuple[float, float]
 Size = tuple[float, float, float]
+_Segment = tuple[float, float, float, float, float]
+"""Start and direction of a line's segment, x and y each (mm), and what a product with the direction
+is multiplied by for a share of the segment."""
 
 COLORS: dict[str, Size] = {
     "white": (0.93, 0.93, 0.93),
@@ -34,10 +55,8 @@ COLORS: dict[str, Size] = {
     "brown": (0.42, 0.26, 0.14),
 }
 """Reflectance of red, green and blue light, by colour name."""
-_COMPLEX = np.array((1.0, 1.0j))
-"""Points times this are complex numbers, which NumPy adds and multiplies faster than pairs."""
-_ROUNDING_MM = 1e-6
-"""More than the rounding error of a distance on the floor."""
+_CELL_MM = 50.0
+"""Side of the squares of the floor for which a line remembers its segments nearby."""
 
 
 @dataclass(frozen=True)
@@ -71,45 +90,72 @@ class Line:
             )
 
     @property
-    def ends_mm(self) -> tuple[Floats, Floats]:
-        """Start and end of each segment, ``[n, 2]`` each."""
+    def segments_mm(self) -> list[tuple[Point, Point]]:
+        """Start and end of each segment."""
         corners = self.points_mm
         if self.closed:
             corners += corners[:1]
-        points = np.array(corners, dtype=np.float64)
-        return points[:-1], points[1:]
+        return list(itertools.pairwise(corners))
+
+    def beyond_mm(self, x_mm: float, y_mm: float) -> float:
+        """How far a point is from it, negative on it, as of all marks."""
+        cell = (x_mm // _CELL_MM, y_mm // _CELL_MM)
+        near = self._segments_near.get(cell)
+        if near is None:
+            near = self._segments_near[cell] = self._nearest_to(cell)
+        nearest = math.inf
+        for start_x, start_y, along_x, along_y, per_square in near:
+            offset_x = x_mm - start_x
+            offset_y = y_mm - start_y
+            # Where along the segment the nearest point is, from 0 to 1.
+            share = (offset_x * along_x + offset_y * along_y) * per_square
+            if share > 1.0:
+                share = 1.0
+            elif share < 0.0:
+                share = 0.0
+            across_x = offset_x - share * along_x
+            across_y = offset_y - share * along_y
+            square = across_x * across_x + across_y * across_y
+            if square < nearest:
+                nearest = square
+        return math.sqrt(nearest) - self.width_mm / 2
 
     @cached_property
-    def _segments(self) -> tuple[NDArray[np.complex128], NDArray[np.complex128], Floats]:
-        """Start, rotation to the x axis, and length of each segment as complex numbers, ``[3, n]``,
-        its middle, and how far from there it covers something, ``[n]`` each."""
-        starts, ends = (points @ _COMPLEX for points in self.ends_mm)
-        along = ends - starts
-        lengths = np.abs(along)
-        turns = np.exp(-1j * np.angle(along))
-        segments = np.stack([starts, turns, lengths])
-        middles = (starts + ends) / 2
-        reaches = (lengths + self.width_mm) / 2 + _ROUNDING_MM
-        return segments, middles, reaches
+    def _segments_near(self) -> dict[tuple[float, float], list[_Segment]]:
+        """What `_nearest_to` gave, by the cell: a sensor reads where it has read before."""
+        return {}
 
-    def covers(self, points_mm: Floats) -> NDArray[np.bool_]:
-        """Whether points ``[n, 2]`` are on it; ``[n]``. Only segments that may reach the points are
-        looked at closely."""
-        segments, middles, reaches = self._segments
-        points = points_mm @ _COMPLEX
-        # All points are within this distance of the first one.
-        first = points[0]
-        spread_mm = np.maximum.reduce(np.abs(points - first))
-        is_near = np.abs(middles - first) <= reaches + spread_mm
-        starts, turns, lengths = segments[:, is_near]
-        # In the frame of each segment, which lies along the real axis: [points, segments].
-        offsets = (points[:, None] - starts) * turns
-        after_start = np.maximum(offsets.real, 0.0)
-        nearest = np.minimum(after_start, lengths.real)
-        is_on_segment = np.abs(offsets - nearest) <= self.width_mm / 2
-        # `reduce`, as `any` takes longer for so few values, and a sensor reads often.
-        covered: NDArray[np.bool_] = np.logical_or.reduce(is_on_segment, 1)
-        return covered
+    @cached_property
+    def _segments(self) -> list[_Segment]:
+        segments = []
+        for (start_x, start_y), (end_x, end_y) in self.segments_mm:
+            along_x = end_x - start_x
+            along_y = end_y - start_y
+            square = along_x**2 + along_y**2
+            # Two equal points are a segment without a direction.
+            per_square = 1.0 / square if square else 0.0
+            segments.append((start_x, start_y, along_x, along_y, per_square))
+        return segments
+
+    def _nearest_to(self, cell: tuple[float, float]) -> list[_Segment]:
+        """The segments that may be the nearest one of a point in a cell."""
+        column, row = cell
+        middle_x = (column + 0.5) * _CELL_MM
+        middle_y = (row + 0.5) * _CELL_MM
+        ranges = []
+        for segment in self._segments:
+            start_x, start_y, along_x, along_y, per_square = segment
+            offset_x = middle_x - start_x
+            offset_y = middle_y - start_y
+            share = (offset_x * along_x + offset_y * along_y) * per_square
+            share = min(max(share, 0.0), 1.0)
+            distance_mm = math.hypot(offset_x - share * along_x, offset_y - share * along_y)
+            ranges.append((distance_mm, segment))
+        # From the middle to a corner a distance changes by half of the diagonal, for one segment
+        # the one way and for another the other way.
+        nearest_mm = min(distance_mm for distance_mm, _ in ranges)
+        most_mm = nearest_mm + 1.5 * _CELL_MM
+        return [segment for distance_mm, segment in ranges if distance_mm <= most_mm]
 
 
 @dataclass(frozen=True)
@@ -137,23 +183,27 @@ class Field:
             (self.at_mm, (self.heading_deg, 0.0)),
         )
 
-    def covers(self, points_mm: Floats) -> NDArray[np.bool_]:
-        """Whether points ``[n, 2]`` are on it; ``[n]``."""
-        yaw = -math.radians(self.heading_deg)
-        cosine = math.cos(yaw)
-        sine = math.sin(yaw)
-        turn = np.array([[cosine, -sine], [sine, cosine]])
-        # Points in the field's own frame, where its edges are at 1.
-        offsets_mm = (points_mm - np.array(self.at_mm)) @ turn
-        half_mm = np.array(self.size_mm) / 2
-        scaled = np.abs(offsets_mm) / half_mm
-        covered: NDArray[np.bool_]
+    def beyond_mm(self, x_mm: float, y_mm: float) -> float:
+        """How far a point is from it, negative on it, as of all marks: at most the distance."""
+        cosine, sine = self._heading
+        at_x, at_y = self.at_mm
+        offset_x = x_mm - at_x
+        offset_y = y_mm - at_y
+        # The point in the field's own frame.
+        along = abs(offset_x * cosine - offset_y * sine)
+        across = abs(offset_x * sine + offset_y * cosine)
+        half_x = self.size_mm[0] / 2
+        half_y = self.size_mm[1] / 2
         if self.round:
-            radii = (scaled**2).sum(-1)
-            covered = radii <= 1.0
-            return covered
-        covered = scaled.max(-1) <= 1.0
-        return covered
+            radius = math.hypot(along / half_x, across / half_y)
+            return (radius - 1.0) * min(half_x, half_y)
+        return max(along - half_x, across - half_y)
+
+    @cached_property
+    def _heading(self) -> tuple[float, float]:
+        """Cosine and sine of the heading."""
+        heading = math.radians(self.heading_deg)
+        return math.cos(heading), math.sin(heading)
 
 
 @dataclass(frozen=True)
@@ -229,6 +279,40 @@ class Block:
 
 
 @dataclass(frozen=True)
+class Ball:
+    """Ball that rolls. Raises TwinError if a value is invalid.
+
+    Attributes:
+        at_mm: where it lies on the floor.
+        spread_mm: as of a block.
+    """
+
+    at_mm: Point
+    diameter_mm: float = 74.0
+    color: str = "orange"
+    mass_g: float = 60.0
+    spread_mm: Point = (0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        _check(
+            self.color,
+            "a ball",
+            (self.diameter_mm,),
+            1,
+            (self.at_mm, self.spread_mm),
+        )
+        if not (math.isfinite(self.mass_g) and self.mass_g > 0):
+            raise TwinError(f"scene: a ball of {self.mass_g} g; give a positive mass")
+        if min(self.spread_mm) < 0:
+            raise TwinError(f"scene: a spread of {self.spread_mm} mm; give 0 or more")
+
+    @property
+    def soft(self) -> bool:
+        """Whether it swallows ultrasound; it does not."""
+        return False
+
+
+@dataclass(frozen=True)
 class Ramp:
     """Ramp that begins at the floor. Raises TwinError if a value is invalid.
 
@@ -278,9 +362,13 @@ class Lamp:
             )
 
 
-Mark = Line | Field
-Solid = Wall | Block | Ramp
-Object = Line | Field | Wall | Block | Ramp | Lamp
+_OVAL_POINTS = 25
+"""Points of each end of an oval."""
+
+Mark = Line | Field | Picture
+Pushable = Block | Ball
+Solid = Wall | Block | Ball | Ramp
+Object = Mark | Solid | Lamp
 
 
 def oval(length_mm: float, width_mm: float) -> tuple[Point, ...]:
@@ -292,15 +380,16 @@ def oval(length_mm: float, width_mm: float) -> tuple[Point, ...]:
         raise TwinError(
             f"scene: an oval of {length_mm} x {width_mm} mm; give a length of at least its width"
         )
-    quarter = math.pi / 2
-    angles = np.linspace(-quarter, quarter, 25)
-    x = straight / 2 + radius * np.cos(angles)
-    y = radius + radius * np.sin(angles)
-    right = np.stack([x, y], -1)  # [25, 2]
+    step = math.pi / (_OVAL_POINTS - 1)
+    right = []
+    for number in range(_OVAL_POINTS):
+        angle = number * step - math.pi / 2
+        x = straight / 2 + radius * math.cos(angle)
+        y = radius + radius * math.sin(angle)
+        right.append((x, y))
     # The other end is the same, turned by half a turn about the middle.
-    left = right * (-1.0, -1.0) + (0.0, width_mm)
-    points = np.concatenate([[(0.0, 0.0)], right, left])
-    return tuple((float(x), float(y)) for x, y in points)
+    left = [(-x, width_mm - y) for x, y in right]
+    return ((0.0, 0.0), *right, *left)
 
 
 def _check(

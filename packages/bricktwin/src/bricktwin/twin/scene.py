@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 from brickhub.errors import TwinError
 from brickhub.virtual.stimuli import Reading
-from bricktwin.twin.objects import Block, Mark, Object, Point, Solid
+from bricktwin.twin.objects import Ball, Block, Mark, Object, Point, Pushable, Solid
 
 FLOOR = (0.82, 0.82, 0.84)
 """Reflectance of red, green and blue light of the bare floor."""
@@ -24,7 +24,7 @@ class Scene:
             start, drawn uniformly; ``None`` for an open floor.
         heading_deg: lowest and highest heading at the start, drawn uniformly, clockwise positive; 0
             looks straight at the wall.
-        objects: lines and fields on the floor, walls, blocks, ramps and lamps: see
+        objects: what lies on the floor, walls, blocks, balls, ramps and lamps: see
             ``bricktwin.twin.objects``.
         start_mm: ranges of x and y of the robot's start position, drawn uniformly; ignored with a
             wall ahead.
@@ -114,13 +114,13 @@ class Scene:
         return [item for item in self.objects if isinstance(item, Solid)]
 
     @property
-    def pushable(self) -> dict[int, Block]:
-        """Blocks that can be pushed, by their number among the solids."""
-        return {
-            number: item
-            for number, item in enumerate(self.solids)
-            if isinstance(item, Block) and item.mass_g is not None
-        }
+    def pushable(self) -> dict[int, Pushable]:
+        """What can be pushed, by its number among the solids."""
+        pushable: dict[int, Pushable] = {}
+        for number, item in enumerate(self.solids):
+            if isinstance(item, Ball) or (isinstance(item, Block) and item.mass_g is not None):
+                pushable[number] = item
+        return pushable
 
 
 def _check_range(

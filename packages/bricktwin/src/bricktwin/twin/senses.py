@@ -9,28 +9,50 @@ distance).
 import colorsys
 import math
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from typing import Protocol
 
-import mujoco
-import numpy as np
-
-from bricktwin.plans.geometry import Floats
-from bricktwin.twin.models.mjcf import OBSTACLE_GROUP
-from bricktwin.twin.objects import COLORS, Lamp, Mark
+from brickhub.robot import SensorKind
+from bricktwin.twin.conventions import OBSTACLE_GROUP, object_name
+from bricktwin.twin.engine import Engine
+from bricktwin.twin.objects import COLORS, Lamp, Picture, Point
+from bricktwin.twin.rotations import (
+    Quaternion,
+    Vector,
+    cross,
+    dot,
+    inverse,
+    minus,
+    plus,
+    rotated,
+    rotated_back,
+    times,
+    turn_between,
+    vector,
+)
 from bricktwin.twin.scene import FLOOR, Scene
 
-Vector = np.ndarray[tuple[int], np.dtype[np.float64]]
-
-
+INFRARED_MM = {SensorKind.COLOR_DISTANCE: 100.0, SensorKind.INFRARED: 150.0}
+"""Distances that sensors with infrared light report as 100 %; estimates."""
 _GYRO_SAMPLE_S = 1 / 833
 """Time between two samples of a hub's gyroscope."""
 _SUMMED_S = 0.005
 """Time over which samples of the gyroscope are drawn as one."""
 
 
-def clockwise_deg(orientation: Vector) -> float:
+class Noise(Protocol):
+    """Source of random numbers of sensors, such as NumPy's ``Generator``."""
+
+    def random(self) -> float:
+        """A number from 0 up to 1."""
+
+    def standard_normal(self) -> float:
+        """A normally distributed number, of mean 0 and deviation 1."""
+
+
+def clockwise_deg(orientation: Sequence[float]) -> float:
     """Rotation about the vertical of a quaternion [4], clockwise seen from above."""
-    # NumPy is slow for single values.
-    w, x, y, z = orientation.tolist()
+    w, x, y, z = orientation
     # Where the x axis looks, seen from above: the yaw of the quaternion, with its sign turned.
     sine = -2.0 * (w * z + x * y)
     cosine = 1.0 - 2.0 * (y * y + z * z)
@@ -47,18 +69,16 @@ class Turns:
 
     def __init__(self) -> None:
         self.heading_deg = 0.0
-        self.rotation_rad: Vector = np.zeros(3)
-        self._last: Vector = np.array([1.0, 0.0, 0.0, 0.0])
+        self.rotation_rad: Vector = (0.0, 0.0, 0.0)
+        self._last: Quaternion = (1.0, 0.0, 0.0, 0.0)
 
-    def update(self, orientation: Vector) -> None:
+    def update(self, orientation: Quaternion) -> None:
         """Add the turn to an orientation, a quaternion [4]."""
         # The shorter way round, from the heading with all its turns.
         change_deg = clockwise_deg(orientation) - self.heading_deg
         self.heading_deg += (change_deg + 180.0) % 360.0 - 180.0
-        turn_rad: Vector = np.empty(3)
-        mujoco.mju_subQuat(turn_rad, orientation, self._last)
-        self.rotation_rad += turn_rad
-        self._last[:] = orientation
+        self.rotation_rad = plus(self.rotation_rad, turn_between(orientation, self._last))
+        self._last = orientation
 
 
 class SummedNoise:
@@ -68,8 +88,8 @@ class SummedNoise:
     It depends on time alone, not on who asks. ``rng``: of its own.
     """
 
-    def __init__(self, rng: np.random.Generator) -> None:
-        self._rng = rng
+    def __init__(self, rng: Noise) -> None:
+        self._draw = rng.standard_normal
         self._samples = 0
         self._sum = 0.0
 
@@ -80,59 +100,49 @@ class SummedNoise:
     ) -> float:
         """The sum at a time, which must not decrease, for a noise of this standard deviation."""
         samples = int(time_s / _SUMMED_S)
-        new_samples = max(samples - self._samples, 0)
         # One by one: a sum of floats depends on its order, and must not depend on who asks when.
-        for noise in self._rng.standard_normal(new_samples).tolist():
-            self._sum += noise
-        self._samples = max(samples, self._samples)
+        while self._samples < samples:
+            self._sum += self._draw()
+            self._samples += 1
         # A random walk: the sum of n samples has the square root of n times the deviation of one.
         return self._sum * noise_deg_s * math.sqrt(_SUMMED_S * _GYRO_SAMPLE_S)
 
 
 class _Base(ABC):
     """What carries a hub; ``_hub`` and ``_to_hub`` are the hub's position [3] there and the
-    quaternion [4] to its axes, ``_position`` and ``_frame`` the origin [3] and the quaternion [4]
-    of the robot's first body, which carries its sensors."""
-
-    _position: Vector
-    _frame: Vector
+    quaternion [4] to its axes."""
 
     def __init__(
         self,
-        model: mujoco.MjModel,
+        engine: Engine,
         imu: str,
     ) -> None:
-        self._hub = model.site(imu).pos.copy()
-        self._to_hub = np.empty(4)
-        mujoco.mju_negQuat(self._to_hub, model.site(imu).quat)
+        self._engine = engine
+        self._site = engine.index("site", imu)
+        first = 3 * self._site
+        self._hub = vector(engine.nominal("site_pos")[first : first + 3])
+        first = 4 * self._site
+        self._to_hub = inverse(engine.nominal("site_quat")[first : first + 4])
 
     @abstractmethod
-    def orientation(self) -> Vector:
+    def orientation(self) -> Quaternion:
         """Quaternion [4] from the axes of the part that carries the hub to the world's."""
 
+    @abstractmethod
     def position(self) -> Vector:
         """Origin of the robot's first body [3] in the world, m."""
-        return self._position
 
-    def in_world(self, vector: Vector) -> Vector:
+    @abstractmethod
+    def in_world(self, of: Vector) -> Vector:
         """A vector [3] of the axes of the robot's first body, in the world's."""
-        rotated = np.empty(3)
-        mujoco.mju_rotVecQuat(rotated, vector, self._frame)
-        return rotated
 
-    def in_hub(self, vector: Vector) -> Vector:
+    def in_hub(self, of: Vector) -> Vector:
         """A vector [3] of the axes of the part that carries the hub, in the hub's."""
-        rotated = np.empty(3)
-        mujoco.mju_rotVecQuat(rotated, vector, self._to_hub)
-        return rotated
+        return rotated(of, self._to_hub)
 
     def up(self, vertical: Vector) -> Vector:
         """A direction [3] of the world in the hub's axes."""
-        from_world = np.empty(4)
-        rotated = np.empty(3)
-        mujoco.mju_negQuat(from_world, self.orientation())
-        mujoco.mju_rotVecQuat(rotated, vertical, from_world)
-        return self.in_hub(rotated)
+        return self.in_hub(rotated_back(vertical, self.orientation()))
 
 
 class FloatingBase(_Base):
@@ -146,44 +156,46 @@ class FloatingBase(_Base):
 
     def __init__(
         self,
-        model: mujoco.MjModel,
-        data: mujoco.MjData,
+        engine: Engine,
         position: int,
         dof: int,
         imu: str,
     ) -> None:
+        super().__init__(engine, imu)
         # Views, not copies: they show the present state.
-        self._gravity = model.opt.gravity
-        super().__init__(model, imu)
-        self._position = data.qpos[position : position + 3]
-        self._frame = data.qpos[position + 3 : position + 7]
-        self._spin: Vector = data.qvel[dof + 3 : dof + 6]
-        self._qacc: Vector = data.qacc[dof : dof + 6]
+        self._position = engine.qpos[position : position + 3]
+        self._frame = engine.qpos[position + 3 : position + 7]
+        self._spin = engine.qvel[dof + 3 : dof + 6]
+        self._linear = engine.qacc[dof : dof + 3]
+        self._angular = engine.qacc[dof + 3 : dof + 6]
 
-    def orientation(self) -> Vector:
-        return self._frame
+    def orientation(self) -> Quaternion:
+        w, x, y, z = self._frame
+        return w, x, y, z
+
+    def position(self) -> Vector:
+        x, y, z = self._position
+        return x, y, z
+
+    def in_world(self, of: Vector) -> Vector:
+        return rotated(of, self._frame)
 
     def angular_velocity(self) -> Vector:
         """Angular velocity in the hub's axes [3], rad/s."""
-        return self.in_hub(self._spin)
+        return rotated(self._spin, self._to_hub)
 
     def specific_force(self) -> Vector:
         """Specific force at the hub, as an accelerometer measures it [3], in the hub's axes, m/s2;
         at rest +9.81 upwards."""
         # MuJoCo gives a free joint's linear acceleration in the world's axes, and its rotation in
         # those of the body.
-        spin = self._spin
-        angular = self._qacc[3:6]
-        to_hub = np.empty(4)
-        force = np.empty(3)
-        mujoco.mju_negQuat(to_hub, self._frame)
-        felt = self._qacc[0:3] - self._gravity
-        mujoco.mju_rotVecQuat(force, felt, to_hub)
+        spin = vector(self._spin)
+        felt = minus(vector(self._linear), vector(self._engine.gravity))
+        force = rotated_back(felt, self._frame)
         # The hub is beside the origin, so its acceleration has an Euler and a centripetal part.
-        euler = np.cross(angular, self._hub)
-        centripetal = np.cross(spin, np.cross(spin, self._hub))
-        force += euler + centripetal
-        return self.in_hub(force)
+        euler = cross(vector(self._angular), self._hub)
+        centripetal = cross(spin, cross(spin, self._hub))
+        return self.in_hub(plus(force, plus(euler, centripetal)))
 
 
 class FixedBase(_Base):
@@ -192,54 +204,34 @@ class FixedBase(_Base):
     All values are those that MuJoCo derived in its last step, one step behind the joints.
     """
 
-    def __init__(
-        self,
-        model: mujoco.MjModel,
-        data: mujoco.MjData,
-        imu: str,
-    ) -> None:
-        self._model = model
-        self._data = data
-        self._site = int(model.site(imu).id)
-        self._body = int(model.site_bodyid[self._site])
-        super().__init__(model, imu)
-        first = int(model.body_rootid[self._body])
-        self._position = data.xpos[first]
-        self._frame = data.xquat[first]
+    def __init__(self, engine: Engine, imu: str) -> None:
+        super().__init__(engine, imu)
+        self._body = engine.indices("site_bodyid")[self._site]
+        self._first = engine.indices("body_rootid")[self._body]
 
-    def orientation(self) -> Vector:
-        orientation: Vector = self._data.xquat[self._body].copy()
-        return orientation
+    def orientation(self) -> Quaternion:
+        return self._orientation_of(self._body)
+
+    def position(self) -> Vector:
+        first = 3 * self._first
+        return vector(self._engine.derived("xpos")[first : first + 3])
+
+    def in_world(self, of: Vector) -> Vector:
+        return rotated(of, self._orientation_of(self._first))
 
     def angular_velocity(self) -> Vector:
         """Angular velocity in the hub's axes [3], rad/s."""
-        # Rotation first, then translation; the last argument asks for the site's own axes.
-        velocity = np.empty(6)
-        mujoco.mj_objectVelocity(
-            self._model,
-            self._data,
-            mujoco.mjtObj.mjOBJ_SITE,
-            self._site,
-            velocity,
-            1,
-        )
-        return velocity[0:3]
+        return self._engine.site_spin(self._site)
 
     def specific_force(self) -> Vector:
         """Specific force at the hub, as an accelerometer measures it [3], in the hub's axes, m/s2;
         at rest +9.81 upwards."""
-        acceleration = np.empty(6)
-        # A step computes the accelerations of bodies only if a sensor of the model needs them.
-        mujoco.mj_rnePostConstraint(self._model, self._data)
-        mujoco.mj_objectAcceleration(
-            self._model,
-            self._data,
-            mujoco.mjtObj.mjOBJ_SITE,
-            self._site,
-            acceleration,
-            1,
-        )
-        return acceleration[3:6]
+        return self._engine.site_force(self._site)
+
+    def _orientation_of(self, body: int) -> Quaternion:
+        first = 4 * body
+        w, x, y, z = self._engine.derived("xquat")[first : first + 4]
+        return w, x, y, z
 
 
 _SPOT_MM = 1.0
@@ -257,67 +249,69 @@ _WALL_COLOR = (0.78, 0.16, 0.12)
 """Reflectance of the wall of bricks ahead, and of all else that is no object of the scene."""
 
 
-def _floor_distance_m(eye_m: Floats, gaze: Floats) -> float:
+_OBSTACLES = (OBSTACLE_GROUP,)
+
+
+def _floor_distance_m(eye_m: Vector, gaze: Vector) -> float:
     """Distance to the floor along a gaze; infinite if that does not go down."""
     descent = gaze[2]
     if descent >= -1e-6:
         return math.inf
-    return float(-eye_m[2] / descent)
+    return -eye_m[2] / descent
+
+
+def _disc() -> list[Point]:
+    """Points that fill a disc of radius 1 evenly: a sunflower pattern (Vogel 1979)."""
+    points = []
+    for number in range(_POINTS):
+        seed = number + 0.5
+        angle = seed * math.pi * (3.0 - math.sqrt(5.0))
+        radius = math.sqrt(seed / _POINTS)
+        points.append((radius * math.cos(angle), radius * math.sin(angle)))
+    return points
 
 
 class WorldSenses:
     """Stimuli in the world, from the position and direction of a sensor.
 
     Args:
-        model, data: MuJoCo's model and data of the robot in its scene.
+        engine: engine of the robot in its scene.
         scene: scene with the objects.
     """
 
     def __init__(
         self,
-        model: mujoco.MjModel,
-        data: mujoco.MjData,
+        engine: Engine,
         scene: Scene,
     ) -> None:
-        self._model = model
-        self._data = data
+        self._engine = engine
         self._scene = scene
-        self._marks: list[tuple[Mark, Floats]] = []
-        for mark in scene.marks:
-            rgb = np.array(COLORS[mark.color])
-            self._marks.append((mark, rgb))
+        self._marks = scene.marks[::-1]
+        """Marks from the uppermost one, which hides those below it."""
         self._lamps = [item for item in scene.objects if isinstance(item, Lamp)]
-        self._colors: dict[int, tuple[float, float, float]] = {}
+        self._colors: dict[int, Vector] = {}
         """Colours of the scene's objects, by the indices of their geometries."""
         for number, item in enumerate(scene.solids):
-            geom = int(model.geom(f"object_{number}").id)
+            geom = engine.index("geom", object_name(number))
             self._colors[geom] = COLORS[item.color]
-        self._obstacles = np.zeros(6, np.uint8)
-        self._obstacles[OBSTACLE_GROUP] = 1
-        # Sunflower pattern: points that fill a disc evenly (Vogel 1979).
-        seed = np.arange(_POINTS) + 0.5
-        angle = seed * math.pi * (3.0 - math.sqrt(5.0))
-        radius = np.sqrt(seed / _POINTS)
-        x = radius * np.cos(angle)
-        y = radius * np.sin(angle)
-        self._disc = np.stack([x, y], -1)  # [points, 2]
-        self._bare_floor = np.full((_POINTS, 3), FLOOR)
+        self._disc = _disc()
 
     def surface(
         self,
-        eye_m: Floats,
-        gaze: Floats,
+        eye_m: Vector,
+        gaze: Vector,
     ) -> tuple[float, float, float]:
         """Colour (hue in deg, saturation and value in %) that a sensor at ``eye_m`` sees along
         ``gaze`` in its light."""
         # Rays meet obstacles only; the floor is where the gaze reaches the height 0.
-        distance_m, geom = self._ray(eye_m, gaze)
+        hit = self._engine.ray(eye_m, gaze, _OBSTACLES)
+        distance_m = math.inf if hit is None else hit.distance_m
         floor_m = _floor_distance_m(eye_m, gaze)
         if floor_m < distance_m:
-            rgb = self._floor(eye_m + floor_m * gaze, floor_m)
+            rgb = self._floor(plus(eye_m, times(floor_m, gaze)), floor_m)
             distance_m = floor_m
-        elif geom >= 0:
-            rgb = self._colors.get(geom, _WALL_COLOR)
+        elif hit is not None:
+            rgb = self._colors.get(hit.geom, _WALL_COLOR)
         else:
             return 0.0, 0.0, 0.0
         # The sensor's own light weakens with the square of the distance.
@@ -329,20 +323,21 @@ class WorldSenses:
 
     def ambient(
         self,
-        eye_m: Floats,
-        gaze: Floats,
+        eye_m: Vector,
+        gaze: Vector,
     ) -> float:
         """Ambient light at a sensor, %: that of the room, and that of each visible lamp."""
         light_pct = self._scene.light_pct
         for lamp in self._lamps:
-            offset_m = np.array(lamp.at_mm) / 1000.0 - eye_m
-            distance_m = float(np.linalg.norm(offset_m))
-            cosine = float(offset_m @ gaze) / max(distance_m, 1e-9)
+            offset_m = minus(times(1e-3, lamp.at_mm), eye_m)
+            distance_m = math.hypot(*offset_m)
+            cosine = dot(offset_m, gaze) / max(distance_m, 1e-9)
             if cosine <= 0.0:
                 continue
             # An obstacle between the sensor and a lamp hides the lamp.
-            obstacle_m, _ = self._ray(eye_m, offset_m / distance_m)
-            if obstacle_m < distance_m:
+            towards = times(1.0 / distance_m, offset_m)
+            obstacle = self._engine.ray(eye_m, towards, _OBSTACLES)
+            if obstacle is not None and obstacle.distance_m < distance_m:
                 continue
             # A lamp is no point: very near it no longer gets brighter.
             distance_mm = max(distance_m * 1000.0, _LAMP_MM / 10)
@@ -352,51 +347,61 @@ class WorldSenses:
 
     def distance_mm(
         self,
-        eye_m: Floats,
-        gaze: Floats,
+        eye_m: Vector,
+        gaze: Vector,
     ) -> float:
         """Distance to the nearest surface along ``gaze``, including the floor; infinite if there is
         none."""
-        distance_m, _ = self._ray(eye_m, gaze)
-        floor_m = _floor_distance_m(eye_m, gaze)
-        nearest_m = min(distance_m, floor_m)
+        nearest_m = _floor_distance_m(eye_m, gaze)
+        hit = self._engine.ray(eye_m, gaze, _OBSTACLES)
+        if hit is not None:
+            nearest_m = min(nearest_m, hit.distance_m)
         return nearest_m * 1000.0 if nearest_m < _MAX_DISTANCE_M else math.inf
-
-    def _ray(
-        self,
-        eye_m: Floats,
-        gaze: Floats,
-    ) -> tuple[float, int]:
-        """Distance (m) and geometry of the first obstacle along a ray; infinite and -1 if there is
-        none."""
-        geom = np.empty(1, np.int32)
-        distance_m = mujoco.mj_ray(
-            self._model,
-            self._data,
-            eye_m,
-            gaze,
-            self._obstacles,
-            True,
-            -1,
-            geom,
-        )
-        if distance_m < 0:
-            return math.inf, -1
-        return float(distance_m), int(geom[0])
 
     def _floor(
         self,
-        point_m: Floats,
+        point_m: Vector,
         distance_m: float,
-    ) -> tuple[float, float, float]:
+    ) -> Vector:
         """Mean colour of the spot on the floor at ``point_m`` that is seen from a distance."""
         radius_mm = _SPOT_MM + _SPOT_RATIO * distance_m * 1000.0
-        points_mm = point_m[:2] * 1000.0 + radius_mm * self._disc
-        rgb = self._bare_floor.copy()  # [points, 3]
-        # The uppermost mark is the last, and hides those below it.
-        for mark, color in self._marks:
-            rgb[mark.covers(points_mm)] = color
-        # `mean` takes longer for so few points.
-        mean = np.add.reduce(rgb) / _POINTS
-        red, green, blue = mean.tolist()
-        return red, green, blue
+        middle_x = point_m[0] * 1000.0
+        middle_y = point_m[1] * 1000.0
+        red = 0.0
+        green = 0.0
+        blue = 0.0
+        # Points of the spot that no mark has covered so far.
+        bare = self._disc
+        for mark in self._marks:
+            if isinstance(mark, Picture):
+                left = []
+                for x, y in bare:
+                    pixel = mark.color_at(middle_x + radius_mm * x, middle_y + radius_mm * y)
+                    if pixel is None:
+                        left.append((x, y))
+                    else:
+                        red += pixel[0] / _POINTS
+                        green += pixel[1] / _POINTS
+                        blue += pixel[2] / _POINTS
+                bare = left
+                continue
+            beyond_mm = mark.beyond_mm(middle_x, middle_y)
+            # No point of the spot is farther from its middle than the radius.
+            if beyond_mm > radius_mm:
+                continue
+            left = []
+            if beyond_mm > -radius_mm:
+                for x, y in bare:
+                    if mark.beyond_mm(middle_x + radius_mm * x, middle_y + radius_mm * y) > 0.0:
+                        left.append((x, y))
+            color = COLORS[mark.color]
+            share = (len(bare) - len(left)) / _POINTS
+            red += share * color[0]
+            green += share * color[1]
+            blue += share * color[2]
+            bare = left
+            if not bare:
+                break
+        share = len(bare) / _POINTS
+        floor_red, floor_green, floor_blue = FLOOR
+        return red + share * floor_red, green + share * floor_green, blue + share * floor_blue

@@ -3,17 +3,17 @@ with an obstacle."""
 
 import itertools
 import math
-from functools import cache
-
-import mujoco
-import numpy as np
-from numpy.typing import NDArray
+from collections.abc import Sequence
 
 from brickhub.errors import TwinError
-from bricktwin.plans.geometry import Floats
-from bricktwin.twin.models.mjcf import FLOOR_GROUP, OBSTACLE_GROUP
+from bricktwin.twin.conventions import FLOOR_GROUP, OBSTACLE_GROUP
+from bricktwin.twin.engine import Engine
+from bricktwin.twin.rotations import Quaternion, Vector, cross, dot, minus, plus, times, vector
 from bricktwin.twin.scene import Scene
 
+_SPHERE = 2
+"""MuJoCo's number of this type of geometry (``mjtGeom``), as of the next one."""
+_CAPSULE = 3
 _MIN_INSIDE = -1e-9
 """Least distance of the centre of mass from the edges of a triangle: rounding may put one that is
 on an edge just beyond it."""
@@ -36,155 +36,153 @@ class Feet:
 
     def __init__(
         self,
-        model: mujoco.MjModel,
+        engine: Engine,
         geoms: list[int],
     ) -> None:
+        self._engine = engine
         self.radius_m = 0.0
-        # [n, 3] each, in the frames of the geoms
-        centres_m = model.geom_aabb[geoms, :3]
-        halves_m = model.geom_aabb[geoms, 3:]
+        boxes_m = engine.nominal("geom_aabb")
+        sizes_m = engine.nominal("geom_size")
         corner_signs = list(itertools.product((1, -1), repeat=3))
-        if _have_one_radius(model, geoms):
-            self.radius_m = float(model.geom_size[geoms[0], 0])
-            # A capsule lies along its z axis: size 1 is the half length between its balls.
-            across_m = np.zeros((len(geoms), 2))
-            along_m = model.geom_size[geoms, 1]
-            halves_m = np.column_stack([across_m, along_m])
+        are_round = _have_one_radius(engine, geoms)
+        if are_round:
+            self.radius_m = sizes_m[3 * geoms[0]]
             corner_signs = [(1, 1, 1), (1, 1, -1)]
-        offsets_m = [centres_m + halves_m * signs for signs in corner_signs]
-        self._offsets_m = np.concatenate(offsets_m)
-        self._geoms = np.tile(geoms, len(offsets_m))
+        self._points: list[tuple[int, Vector]] = []
+        """Geometry of each point, and its place in the frame of that."""
+        for signs in corner_signs:
+            for geom in geoms:
+                box_m = boxes_m[6 * geom : 6 * geom + 6]
+                half_m = vector(box_m[3:])
+                if are_round:
+                    # A capsule lies along its z axis: size 1 is the half length between its balls.
+                    half_m = (0.0, 0.0, sizes_m[3 * geom + 1])
+                turned = [half * sign for half, sign in zip(half_m, signs, strict=True)]
+                self._points.append((geom, plus(vector(box_m[:3]), vector(turned))))
 
-    def points_m(self, data: mujoco.MjData) -> Floats:
-        """The points in the world ``[n, 3]``, of the present positions of the geoms."""
-        frames = data.geom_xmat[self._geoms].reshape(-1, 3, 3)
-        turned_m = np.einsum("nij,nj->ni", frames, self._offsets_m)
-        points: Floats = data.geom_xpos[self._geoms] + turned_m
+    def points_m(self) -> list[Vector]:
+        """The points in the world, of the present positions of the geoms."""
+        places = self._engine.derived("geom_xpos")
+        frames = self._engine.derived("geom_xmat")
+        points = []
+        for geom, offset_m in self._points:
+            place = vector(places[3 * geom : 3 * geom + 3])
+            frame = frames[9 * geom : 9 * geom + 9]
+            points.append(plus(place, in_frame(frame, offset_m)))
         return points
 
 
-def _have_one_radius(model: mujoco.MjModel, geoms: list[int]) -> bool:
+def _have_one_radius(engine: Engine, geoms: list[int]) -> bool:
     """Whether all geoms are capsules or spheres of one radius."""
-    round_kinds = (mujoco.mjtGeom.mjGEOM_CAPSULE, mujoco.mjtGeom.mjGEOM_SPHERE)
-    is_round = np.isin(model.geom_type[geoms], round_kinds)
-    radii_m = set(model.geom_size[geoms, 0])
-    return bool(is_round.all()) and len(radii_m) == 1
+    types = engine.indices("geom_type")
+    sizes_m = engine.nominal("geom_size")
+    are_round = all(types[geom] in (_SPHERE, _CAPSULE) for geom in geoms)
+    radii_m = {sizes_m[3 * geom] for geom in geoms}
+    return are_round and len(radii_m) == 1
 
 
-def standing_pose(points: Floats, centre: Floats) -> tuple[Floats, float]:
+def in_frame(frame: Sequence[float], of: Vector) -> Vector:
+    """A vector of a frame, given by the flat matrix [9] of its axes, in that frame's parent."""
+    a, b, c, d, e, f, g, h, i = frame
+    x, y, z = of
+    return a * x + b * y + c * z, d * x + e * y + f * z, g * x + h * y + i * z
+
+
+def standing_pose(points: Sequence[Vector], centre: Vector) -> tuple[Quaternion, float]:
     """Pose in which a rigid body rests on three of its points: of several, the one whose centre of
     mass is lowest.
 
     Args:
-        points: [n, 3], possible contact points in the body's frame, m.
-        centre: [3], centre of mass.
+        points: possible contact points in the body's frame, m.
+        centre: centre of mass.
 
     Returns:
         The quaternion [4] of that orientation, without a change of heading, and the height of the
         frame's origin above the touching points, m.
     """
-    # Every three points may be those that touch: [triples, 3 points, 3].
-    triples = points[_triples(len(points))]
-    first = triples[:, 0]
-    second = triples[:, 1]
-    third = triples[:, 2]
+    # A body stands if no point is below the plane of three, and its centre of mass is above their
+    # triangle. If more than three points lie in one plane, rounding makes some triples fail
+    # slightly: the triples that fail least are taken, not those that do not fail.
+    least = math.inf
+    stances: list[tuple[float, float, Vector, Vector]] = []
+    """Failure, height of the centre, normal and first point of each."""
+    # Every three points may be those that touch.
+    for first, second, third in itertools.combinations(points, 3):
+        # The plane of the triple, with its normal upwards in the body's frame.
+        across = cross(minus(second, first), minus(third, first))
+        length = math.hypot(*across)
+        # Three points on one line have no plane.
+        if length <= 1e-9:
+            continue
+        sign = -1.0 if across[2] < 0.0 else 1.0
+        normal = times(sign / length, across)
+        # The corners, so that they go round the normal.
+        corners = (first, third, second) if sign < 0.0 else (first, second, third)
+        inside = _distance_inside(corners, normal, centre)
+        failure = max(_MIN_INSIDE - inside, 0.0)
+        # Most triples fail by more than another one, whatever lies below them.
+        if failure > least + _ROUNDING_M:
+            continue
+        level = dot(normal, first)
+        lowest = min(dot(normal, point) for point in points)
+        failure += max(level - lowest, 0.0)
+        if failure <= least + _ROUNDING_M:
+            least = min(least, failure)
+            height = dot(normal, minus(centre, first))
+            stances.append((failure, height, normal, first))
 
-    # The plane of each triple, with its normal upwards in the body's frame.
-    normal = np.cross(second - first, third - first)
-    is_downward = normal[:, 2:] < 0.0
-    normal *= np.where(is_downward, -1.0, 1.0)
-    length = np.linalg.norm(normal, axis=1)
-    # Three points on one line have no plane.
-    usable = length > 1e-9
-    normal[usable] /= length[usable, None]
-
-    # A body stands if no point is below the plane, and its centre of mass is above the triangle.
-    offsets = points[None] - first[:, None]  # [triples, n, 3]
-    heights = offsets @ normal[:, :, None]  # [triples, n, 1]
-    clearance = np.min(heights, axis=(1, 2))
-    inside = _distance_inside(
-        first,
-        second,
-        third,
-        normal,
-        centre,
-    )
-
-    # If more than three points lie in one plane, rounding makes some triples fail slightly: the
-    # triples that fail least are taken, not those that do not fail.
-    below = np.maximum(-clearance, 0.0)
-    beside = np.maximum(_MIN_INSIDE - inside, 0.0)
-    violation = np.where(usable, below + beside, math.inf)
-    is_stance = violation <= violation.min() + _ROUNDING_M
-
+    if not stances:
+        # All points are on one line, which carries nothing: upright, on the lowest of them.
+        return (1.0, 0.0, 0.0, 0.0), -min(height for _, _, height in points)
     # Of several stances, a body falls into that of the least potential energy.
-    height = np.einsum("ij,ij->i", normal, centre - first)
-    heights = np.where(is_stance, height, math.inf)
-    best = int(np.argmin(heights))
-    up = normal[best]
+    _, _, up, touching = min(
+        (stance for stance in stances if stance[0] <= least + _ROUNDING_M),
+        key=lambda stance: stance[1],
+    )
     # The shortest rotation that makes this direction vertical.
     x, y, z = up
-    quaternion = np.array([1.0 + z, y, -x, 0.0])
-    quaternion = quaternion / np.linalg.norm(quaternion)
-    height_m = float(-up @ first[best])
-    return quaternion, height_m
+    length = math.hypot(1.0 + z, y, x)
+    quaternion = ((1.0 + z) / length, y / length, -x / length, 0.0)
+    return quaternion, -dot(up, touching)
 
 
 def _distance_inside(
-    first: Floats,
-    second: Floats,
-    third: Floats,
-    normal: Floats,
-    centre: Floats,
-) -> Floats:
-    """How far a point is inside of the nearest edge of each triangle, times that edge's length
-    ``[n]``; negative outside. Corners and normals are ``[n, 3]``."""
-    # Which way round the corners go, seen against the normal.
-    around = np.cross(second - first, third - first)
-    orientation = np.sign(np.einsum("ij,ij->i", around, normal))
-    inside = np.full(len(first), math.inf)
+    corners: tuple[Vector, Vector, Vector],
+    normal: Vector,
+    centre: Vector,
+) -> float:
+    """How far a point is inside of the nearest edge of a triangle, times that edge's length;
+    negative outside. The corners go round the normal."""
+    first, second, third = corners
     edges = (
         (first, second),
         (second, third),
         (third, first),
     )
+    sides = []
     for start, end in edges:
-        moment = np.cross(end - start, centre - start)
-        side = np.einsum("ij,ij->i", moment, normal)
-        inside = np.minimum(inside, side * orientation)
-    return inside
-
-
-@cache
-def _triples(count: int) -> NDArray[np.intp]:
-    """Indices ``[n, 3]`` of all triples of so many points; each reset of a legged robot needs
-    them."""
-    triples = itertools.combinations(range(count), 3)
-    return np.array(list(triples))
+        moment = cross(minus(end, start), minus(centre, start))
+        sides.append(dot(moment, normal))
+    return min(sides)
 
 
 _DEPTH_M = 0.008
 """Depth from which on an overlap is more than a touch."""
 
 
-def refuse_overlap(
-    model: mujoco.MjModel,
-    data: mujoco.MjData,
-    scene: Scene | None = None,
-) -> None:
+def refuse_overlap(engine: Engine, scene: Scene | None = None) -> None:
     """Raise TwinError if a robot is inside of an obstacle of the ``scene``, or of an arena.
     Contacts have to be computed."""
-    contacts = data.contact
-    groups = model.geom_group[contacts.geom]  # [contacts, 2]
-    # Of one obstacle and a robot: not of two obstacles, and not of an obstacle and the floor.
-    has_one_obstacle = (groups == OBSTACLE_GROUP).sum(-1) == 1
-    has_no_floor = (groups != FLOOR_GROUP).all(-1)
-    is_of_robot = has_one_obstacle & has_no_floor
-    is_deep = contacts.dist < -_DEPTH_M
-    for pair in contacts.geom[is_of_robot & is_deep]:
-        is_first = model.geom_group[pair[0]] == OBSTACLE_GROUP
-        obstacle = pair[0] if is_first else pair[1]
-        raise _overlap(model.geom(obstacle).name, scene)
+    groups = engine.indices("geom_group")
+    for touch in engine.touches():
+        if touch.distance_m >= -_DEPTH_M:
+            continue
+        pair = (touch.first, touch.second)
+        obstacles = [geom for geom in pair if groups[geom] == OBSTACLE_GROUP]
+        is_floor = any(groups[geom] == FLOOR_GROUP for geom in pair)
+        # Of one obstacle and a robot: not of two obstacles, and not of an obstacle and the floor.
+        if len(obstacles) == 1 and not is_floor:
+            raise _overlap(engine.names("geom")[obstacles[0]], scene)
 
 
 def _overlap(obstacle: str, scene: Scene | None) -> TwinError:

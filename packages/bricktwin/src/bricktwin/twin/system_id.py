@@ -29,7 +29,7 @@ from bricktwin.twin.scene import Scene
 
 Vector = NDArray[np.float64]
 OnReplay = Callable[[int, float], None]
-"""Called with the number of a replay, from 1, and the smallest error so far."""
+"""A function that is called with the number of a replay, from 1, and the smallest error so far."""
 
 _STRONG = ("battery_v", "motor_friction_scale", "mass_scale")
 """Parameters that affect all angles. The others affect details, and are fitted after these."""
@@ -38,7 +38,7 @@ _STARTS = 2
 _WIDE = 0.15
 """Size of the first simplex of a search, as a share of each parameter's range."""
 _NARROW = 0.06
-"""The same of the last search, which begins near the optimum."""
+"""Size of the first simplex of the last search, which begins near the optimum."""
 _SCAN = 21
 """Replays of the scan per parameter."""
 _LONG = 20
@@ -48,11 +48,11 @@ _SHORT = 16
 _DEVIATION = 0.25
 """Share of the randomization range by which a parameter is put off, to see if it is identified."""
 _MIN_RISE = 0.15
-"""Relative rise of the error from which on it is."""
+"""Relative rise of the error from which on a parameter counts as identified."""
 _MIN_ERROR = 0.01
-"""Smaller errors, in roughnesses, count as this."""
+"""Least error, in roughnesses, as which smaller ones count."""
 _MIN_REST_STEPS = 4
-"""A shorter rest says nothing of the noise."""
+"""Number of steps up to which a rest tells nothing about the noise."""
 _HUBER_DELTA = 3.0
 """Differences beyond this many roughnesses count linearly rather than quadratically."""
 _NOISES = tuple(name for name in PARAMETERS if "noise" in name)
@@ -94,19 +94,19 @@ def replay(
     TwinError if there is no such robot, or it has no twin."""
     if robot is None:
         robot = robots.get(log.robot)
-    # Neither noise nor delays: commands are given at the times of the log.
+    # Noise and delays are off, because the commands are given at the times of the log.
     quiet = replace(physics, **_NOISE_FREE).with_link(IDEAL)
     hub = VirtualHub(make_body(robot, scene=scene or _scene(log), physics=quiet))
     channels = []
     with HubLink(hub, robot, log.interface) as link:
         channels.append(link.read().values)
         offset_ms = hub.machine.time_ms - int(log.times_ms[0])
-        # Commands meet the control loop at the same point of its period.
+        # Commands must meet the control loop at the same point of its period as in the log.
         offset_ms += -offset_ms % CONTROL_LOOP_MS
         for command, start_ms in zip(log.commands, _starts_ms(log, physics), strict=True):
             wait_ms = offset_ms + start_ms - _LEAD_MS - hub.machine.time_ms
             if wait_ms > 0:
-                # Reading lets the virtual hub's time pass.
+                # Reading lets the time of the virtual hub pass.
                 hub.read(wait_ms / 1000)
             channels.append(link.act(command).values)
     return np.array(channels, dtype=np.float64)
@@ -157,13 +157,14 @@ def fit(
     error_before = search.errors(default)
     physics = Physics(**search.noise)
     rises = {}
-    # A robot that only rests shows its noise, and nothing else.
+    # A robot that only rests shows its noise and nothing else.
     if log.commands.any():
         physics = search.find(tuple(names), seed)
         rises = search.rises(physics, tuple(names))
     identified = {name: rise for name, rise in rises.items() if rise >= _MIN_RISE}
     unidentified = tuple(name for name in names if name not in identified)
-    # What the search made of these is chance.
+    # Parameters that the log does not identify keep their defaults, because what the search made of
+    # them is chance.
     physics = replace(physics, **{name: getattr(default, name) for name in unidentified})
     error_after = search.errors(physics)
     return FittedPhysics(
@@ -196,7 +197,8 @@ class _Search:
         self._lowest = np.inf
         channels = log.interface.channels
         self._wraps = np.array([channel.wraps for channel in channels])
-        # A channel's deviation: what its digits are rounded to, and its noise.
+        # Differences are measured in these deviations, so that channels of different units count
+        # alike.
         sigma = []
         for channel in channels:
             deviation = noise.get(channel.noise or "", 0.0)
@@ -213,7 +215,7 @@ class _Search:
             self._scene,
         )
         difference = channels - self._log.channels  # [n + 1, n_channels]
-        # The shorter way round.
+        # Headings are compared the shorter way round, because whole turns are no error.
         wrapped = (difference - difference[0] + 180.0) % 360.0 - 180.0
         difference = np.where(self._wraps, wrapped, difference)[1:]
         self.replays += 1
@@ -233,8 +235,8 @@ class _Search:
 
     def error(self, physics: Physics) -> float:
         """Objective: a robust root mean square (pseudo-Huber loss) of the scaled differences."""
-        # As the square for small differences, as the difference for large ones: a robot that slips
-        # once does not decide all.
+        # The loss grows as the square of small differences but only in proportion to large ones, so
+        # that a robot that slips once does not decide everything.
         squares = (self.difference(physics) / self._sigma) ** 2
         roots = np.sqrt(1.0 + squares / _HUBER_DELTA**2)
         losses = 2.0 * _HUBER_DELTA**2 * (roots - 1.0)
@@ -251,7 +253,7 @@ class _Search:
         best = Physics(**self.noise)
         if strong:
             starts = self.scan(best, strong, seed)
-            # Several starts, as the error has several valleys.
+            # The error has several valleys, so the search starts from several points.
             refined = (self.refine(start, strong, _WIDE, _LONG) for start in starts)
             best = min(refined, key=self.error)
         if weak:
@@ -291,7 +293,7 @@ class _Search:
             above_low = getattr(start, name) - bounds[0]
             start_shares.append(above_low / np.ptp(bounds))
         shares = np.array(start_shares)
-        # Away from the nearer bound, where the initial simplex would be clipped flat.
+        # The simplex extends away from the nearer bound, where it would be clipped flat.
         inwards = np.where(shares > 0.5, -width, width)
         edges = np.diag(inwards)  # [n, n]
         simplex = np.vstack((shares, shares + edges))  # [n + 1, n]
@@ -325,7 +327,7 @@ class _Search:
             errors = []
             for sign in (-1.0, 1.0):
                 value = getattr(best, name) + sign * deviation
-                # At an end of what is allowed there is one side only.
+                # A parameter at an end of its allowed range can be off to one side only.
                 if low <= value <= high:
                     off = replace(best, **{name: float(value)})
                     errors.append(self.error(off))
@@ -363,7 +365,7 @@ def _scene(log: RunLog) -> Scene | None:
     if index is None:
         return None
     distance_mm = float(log.channels[0, index])
-    # At either end of what the sensor measures, it may have seen nothing.
+    # A reading at either end of the sensor's range may mean that nothing was seen.
     if not UltrasonicSensor.NEAREST_MM < distance_mm < UltrasonicSensor.FARTHEST_MM:
         return None
     return Scene(wall_distance_mm=(distance_mm, distance_mm))
@@ -373,9 +375,10 @@ def _starts_ms(log: RunLog, physics: Physics) -> NDArray[np.int64]:
     """Start of each command, on the hub's clock of the log."""
     settle = log.interface.settle
     if settle.fixed_ms is not None:
-        # The hub waits for so long after it has begun a command, and then answers.
+        # With a fixed time, the hub begins a command, waits for that time, and then answers.
         return log.times_ms[1:] - settle.fixed_ms
-    # Else by the host's time, and that of the link to the hub and back.
+    # Otherwise the start follows from the time that the host took, and the link's way to the hub
+    # and back.
     idle_ms = np.round(log.gaps_ms + physics.link_interval_ms)
     return log.times_ms[:-1] + idle_ms.astype(np.int64)
 
@@ -399,7 +402,7 @@ def _noise(log: RunLog) -> dict[str, float]:
         is_saturated = mean >= channel.high
         if channel.noise is None or is_saturated:
             continue
-        # Of noise that grows with the reading, what grows is known; the rest is fitted.
+        # Where noise grows with the reading, that share is known, and only the rest is fitted.
         share = 0.0 if channel.noise_share is None else getattr(Physics(), channel.noise_share)
         remaining = max(0.0, float(deviation) - share * mean)
         squares.setdefault(channel.noise, []).append(remaining**2)

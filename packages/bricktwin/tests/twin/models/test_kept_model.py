@@ -36,6 +36,7 @@ from bricktwin.robots.planned import plan_file, robot_of_plan
 from bricktwin.twin import arena, mujoco_body
 from bricktwin.twin.arena import Arena, ArenaWorld, Contestant, Place
 from bricktwin.twin.make_body import make_body
+from bricktwin.twin.model_physics import backlash_joints
 from bricktwin.twin.models import load
 from bricktwin.twin.models.kept_models import _encoded, kept_model
 from bricktwin.twin.models.load import load_model
@@ -69,10 +70,11 @@ import hashlib, sys
 import mujoco
 from bricktwin.robots import TWO_WHEELER
 from bricktwin.twin.make_body import make_body
+from bricktwin.twin.model_physics import backlash_joints
 from bricktwin.twin.models.kept_models import _encoded
 body = make_body(TWO_WHEELER)
 how = "built" if "bricktwin.twin.models.load" in sys.modules else "kept"
-print(how, hashlib.sha256(_encoded(body._nominal)).hexdigest())
+print(how, hashlib.sha256(_encoded(body.engine._nominal)).hexdigest())
 """
 
 
@@ -158,11 +160,12 @@ def driven(body: MujocoBody) -> list[bytes]:
 def test_kept_model_equals_built_one(robot: Robot, scene: Scene, cache: Cache) -> None:
     built, loaded = cache.body(robot, scene), cache.body(robot, scene)
     assert cache.built == [robot.name] and len(cache.files) == 1
-    assert_equal(built._nominal, loaded._nominal)
-    assert str(vars(built._turning)) == str(vars(loaded._turning))
-    assert built._backlash == loaded._backlash
-    assert built._motors.terminals == loaded._motors.terminals
-    assert built._motors.shafts == loaded._motors.shafts
+    assert_equal(built.engine._nominal, loaded.engine._nominal)
+    assert built._turning._spinners == loaded._turning._spinners
+    assert built._turning._rods == loaded._turning._rods
+    assert backlash_joints(built.engine) == backlash_joints(loaded.engine)
+    assert built.motors.terminals == loaded.motors.terminals
+    assert built.motors.shafts == loaded.motors.shafts
     assert driven(built) == driven(loaded)
 
 
@@ -175,7 +178,7 @@ def test_kept_arena_equals_built_one(cache: Cache) -> None:
 
     built, loaded = world(0.5), world(0.5)
     assert cache.built == ["walker", "two-wheeler"]
-    assert_equal(built._nominal, loaded._nominal)
+    assert_equal(built.engine._nominal, loaded.engine._nominal)
     assert len(loaded.bodies[0]._turning._rods) == len(built.bodies[0]._turning._rods) == 4
     world(0.6)
     assert len(cache.built) == 4
@@ -205,7 +208,7 @@ def test_other_scene_or_robot_has_another_model(cache: Cache) -> None:
     for count, (robot, scene) in enumerate(different, 1):
         built = cache.body(robot, scene)
         assert len(cache.built) == count, (robot, scene)
-        assert_equal(cache.body(robot, scene)._nominal, built._nominal)
+        assert_equal(cache.body(robot, scene).engine._nominal, built.engine._nominal)
         assert len(cache.built) == count, (robot, scene)
 
 
@@ -231,7 +234,7 @@ def test_changed_plan_or_file_beside_it_is_built_anew(
     os.utime(file, ns=(state.st_atime_ns, state.st_mtime_ns))  # as tools do that copy files
     second = cache.body(robot)
     assert len(cache.built) == 2
-    assert second._nominal.body_mass.sum() != first._nominal.body_mass.sum()
+    assert second.engine._nominal.body_mass.sum() != first.engine._nominal.body_mass.sum()
 
 
 @pytest.mark.parametrize("changed", ["robot.xml", "body.xml", "case.obj"])
@@ -247,7 +250,7 @@ def test_changed_mjcf_include_or_mesh_is_built_anew(
         (tmp_path / name).write_text(text)
     robot = Robot("mine", HubKind.PRIME, (Motor("left", "A"),), model=str(tmp_path / "robot.xml"))
     for _ in range(2):
-        assert cache.body(robot)._nominal.nmesh == 1
+        assert cache.body(robot).engine._nominal.nmesh == 1
     assert len(cache.built) == 1
     other = {"0.05": "0.07", "0.02": "0.04", "<asset>": "<asset >"}
     text = texts[changed]
@@ -279,8 +282,8 @@ def test_other_ldraw_library_is_drawn_anew(
     root = write_robot_parts(tmp_path / "ldraw")
     monkeypatch.setenv("LDRAWDIR", str(root))
     theirs = cache.body(TWO_WHEELER)
-    assert theirs._nominal.nmeshvert != ours._nominal.nmeshvert
-    assert_equal(cache.body(TWO_WHEELER)._nominal, theirs._nominal)
+    assert theirs.engine._nominal.nmeshvert != ours.engine._nominal.nmeshvert
+    assert_equal(cache.body(TWO_WHEELER).engine._nominal, theirs.engine._nominal)
     assert len(cache.built) == 2
     (root / "parts" / "99999.dat").write_text("0 a new part\n")
     cache.body(TWO_WHEELER)
@@ -356,7 +359,7 @@ def test_kept_facts_complete_as_the_plan_does(
     body = cache.body(first)
     monkeypatch.setattr("bricktwin.plans.planned_robot.planned_robot", pytest.fail)
     assert robot_of_plan(PLAN, "mine", drive_base=base, needs_imu=True) == first
-    assert_equal(cache.body(first)._nominal, body._nominal)
+    assert_equal(cache.body(first).engine._nominal, body.engine._nominal)
     assert cache.built == ["mine"]
     with pytest.raises(DescriptionError, match="line 19: port A has .* 'right', but .* 'left'"):
         robot_of_plan(PLAN, "mine", motors=(Motor("left", "A"),))

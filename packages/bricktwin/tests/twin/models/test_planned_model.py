@@ -20,11 +20,12 @@ from brickhub.virtual.stimuli import Sense
 from bricktwin.robots import ROBO_ARM, TWO_WHEELER, WALKER, plans
 from bricktwin.robots.planned import robot_of_plan
 from bricktwin.twin.make_body import make_body
-from bricktwin.twin.models.turning import TurningParts
 from bricktwin.twin.mujoco_body import MujocoBody
+from bricktwin.twin.mujoco_engine import MujocoEngine
 from bricktwin.twin.objects import Block, Field, Ramp
 from bricktwin.twin.physics import Physics
 from bricktwin.twin.scene import OPEN_FLOOR, Scene
+from bricktwin.twin.turning_parts import TurningParts
 
 ROOT = Path(__file__).parents[5]
 PLANS = Path(plans.__path__[0])
@@ -123,7 +124,7 @@ def test_visual_shafts_turn() -> None:
     assert turned > 0.3
     expected = [math.cos(turned / 2), 0, 0, math.sin(turned / 2)]
     assert abs(float(quaternion @ expected)) == pytest.approx(1.0, abs=1e-3)
-    assert TurningParts(mujoco.MjModel.from_xml_string("<mujoco/>")) is not None
+    assert TurningParts(MujocoEngine(mujoco.MjModel.from_xml_string("<mujoco/>"))) is not None
 
 
 def test_steered_car_drives_circle() -> None:

@@ -4,7 +4,9 @@ import mujoco
 import numpy as np
 import pytest
 
-from bricktwin.twin.models.turning import TurningParts, add_rod
+from bricktwin.twin.models.turning import add_rod
+from bricktwin.twin.mujoco_engine import MujocoEngine
+from bricktwin.twin.turning_parts import TurningParts
 
 
 def swing() -> mujoco.MjModel:
@@ -56,11 +58,12 @@ class TestRod:
 
     def test_rod_is_drawn_between_pins(self) -> None:
         model = swing()
-        data, rods = mujoco.MjData(model), TurningParts(model)
+        data = mujoco.MjData(model)
+        rods = TurningParts(MujocoEngine(model, model, data))
         for _ in range(5):
             mujoco.mj_step(model, data, 60)
             mujoco.mj_kinematics(model, data)
-            rods.turn(model, data)
+            rods.turn()
             assert data.body("rod_arm").xpos == pytest.approx(
                 data.site("rod_arm_near").xpos, abs=1e-9
             )
@@ -69,12 +72,13 @@ class TestRod:
     def test_drawing_rod_does_not_change_motion(self) -> None:
         def motion(draws: bool) -> bytes:
             model = swing()
-            data, rods = mujoco.MjData(model), TurningParts(model)
+            data = mujoco.MjData(model)
+            rods = TurningParts(MujocoEngine(model, model, data))
             for _ in range(20):
                 mujoco.mj_step(model, data, 10)
                 if draws:
                     mujoco.mj_kinematics(model, data)
-                    rods.turn(model, data)
+                    rods.turn()
             return data.qpos.tobytes()
 
         assert motion(True) == motion(False)
@@ -91,7 +95,7 @@ class TestRod:
         assert [rod.name for rod in rods] == ["rod_A", "rod_A_1"]
         model = spec.compile()
         assert model.tendon_length0.tolist() == pytest.approx([0.1, 0.2])
-        assert len(TurningParts(model)._rods) == 2
+        assert len(TurningParts(MujocoEngine(model))._rods) == 2
 
     @pytest.mark.parametrize("name", ["box", "rod_box", "spin_box"])
     @pytest.mark.parametrize("user_numbers", [0, 1, 4])
@@ -105,6 +109,6 @@ class TestRod:
         data = mujoco.MjData(model)
         mujoco.mj_kinematics(model, data)
         before = (model.body_quat.copy(), data.xpos.copy(), data.xquat.copy())
-        TurningParts(model).turn(model, data)
+        TurningParts(MujocoEngine(model, model, data)).turn()
         after = (model.body_quat, data.xpos, data.xquat)
         assert all(map(np.array_equal, before, after))

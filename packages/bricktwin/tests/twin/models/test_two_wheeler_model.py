@@ -10,8 +10,8 @@ import pytest
 from brickhub.errors import DescriptionError
 from brickhub.robot import BENCH, DriveBase
 from bricktwin.robots import TWO_WHEELER
+from bricktwin.twin.conventions import LOOKS_GROUP
 from bricktwin.twin.models.load import load_model
-from bricktwin.twin.models.mjcf import LOOKS_GROUP
 from bricktwin.twin.scene import OPEN_FLOOR, Scene
 
 WALL = Scene(wall_distance_mm=(250.0, 250.0))

@@ -37,7 +37,7 @@ class Calibration:
 def calibrated(robot: Robot, calibration: Calibration) -> Robot:
     """The robot's description with its calibration applied. Raises DescriptionError if the
     calibration names motors that the robot does not have."""
-    # The robot may have been described anew since.
+    # The robot may have been described anew since it was calibrated.
     named = set(calibration.zeros_deg) | calibration.reversed
     known = {motor.name for motor in robot.motors}
     unknown = sorted(named - known)
@@ -64,13 +64,13 @@ def zero_between(stops_deg: tuple[int, int], motor: Motor) -> int:
         )
     width = stops_deg[1] - stops_deg[0]
     required = motor.range_deg[1] - motor.range_deg[0]
-    # Something in its way stopped the joint before its own stops.
+    # Something in the way stopped the joint before its own stops.
     if width < required:
         raise CalibrationError(
             f"motor '{motor.name}' is blocked after {width} degrees and has to turn by "
             f"{required}; clear its way and try again"
         )
-    # The difference of the two middles.
+    # A joint is centred between its stops, so its zero is the difference of the two middles.
     return round((sum(stops_deg) - sum(motor.range_deg)) / 2)
 
 
@@ -79,7 +79,7 @@ def calibration_folder() -> Path:
     the system."""
     config_home = os.environ.get("XDG_CONFIG_HOME")
     home = Path.home()
-    # On every system, as a user who sets it means it.
+    # This variable counts on every system, because a user who sets it means it.
     if config_home:
         base = Path(config_home)
     elif sys.platform == "win32":
@@ -108,7 +108,7 @@ def load_calibration(
         "delete the file and calibrate again",
     ):
         data = json.loads(path.read_bytes())
-        # Converted here, so that a file of other types is refused as one that cannot be read.
+        # Types are converted here, so that a file with other types is refused as unreadable.
         zeros_deg = {str(name): int(zero_deg) for name, zero_deg in data["zeros_deg"].items()}
         reversed_motors = frozenset(str(name) for name in data["reversed"])
         return Calibration(zeros_deg, reversed_motors)
@@ -124,7 +124,7 @@ def calibration_of(transport: Transport, folder: Path | None = None) -> Callable
     """Argument ``calibrate`` for a link over this transport."""
 
     def apply(robot: Robot) -> Robot:
-        # Asked for only now: before it is connected, a transport does not know its hub.
+        # A transport knows its hub only once it is connected.
         hub = hub_id(transport)
         return calibrated(robot, load_calibration(hub, robot, folder))
 
@@ -140,7 +140,8 @@ def save_calibration(
     """Write a calibration atomically; returns its path. Raises WriteError if the file cannot be
     written."""
     path = _path(hub, robot, folder)
-    # The hub too, for a person who reads the file: its name is no address any more.
+    # The file also names the hub, because the name of the file no longer shows the address to a
+    # reader.
     data = {
         "hub": hub,
         "zeros_deg": calibration.zeros_deg,

@@ -59,7 +59,7 @@ _ENCODERS = {kind.model.device_id for kind in MotorKind if kind.model.has_encode
 def _device_names() -> dict[int, str]:
     names = {kind.model.device_id: f"motor {kind.value}" for kind in MotorKind}
     for kind in SensorKind:
-        # "ColorDistanceSensor" is a "color distance sensor".
+        # People read "color distance sensor" and not "ColorDistanceSensor".
         words = re.sub("(?<!^)([A-Z])", r" \1", kind.value)
         names[kind.model.device_id] = words.lower()
     names[0] = "nothing"
@@ -100,7 +100,7 @@ def measure(
 ) -> Latency:
     """Time ``exchanges`` sensor readings over an open link; nothing moves. Raises HubError if the
     link failed."""
-    # The first reading comes after a pause, and is slower.
+    # The first reading follows a pause and is slower, so it does not count.
     link.read()
     round_trips_s = [link.read().round_trip_s for _ in range(exchanges)]
     return latency(round_trips_s, interface)
@@ -110,7 +110,7 @@ def latency(round_trips_s: list[float], interface: Interface) -> Latency:
     """Latency statistics of the round trips ``[n]`` of readings, n > 0."""
     p50_ms = percentile(round_trips_s, 50) * 1000
     p99_ms = percentile(round_trips_s, 99) * 1000
-    # The median, as single exchanges are delayed by the computer, or lost and repeated.
+    # The median ignores single exchanges that the computer delays, or that are lost and repeated.
     interval_units = round(p50_ms / _INTERVALS_PER_ROUND_TRIP / _INTERVAL_UNIT_MS)
     step_ms = interface.settle.fixed_ms
     return Latency(
@@ -152,11 +152,11 @@ def check_robot(
         command: the command that calibrates this robot on this hub, for advice that works as it is
             printed.
     """
-    # A person is asked once, for all moves.
+    # A person is asked only once, for all moves.
     may_move = functools.cache(may_move)
     try:
         transport.open()
-        # The hub is known only now, and with it the calibration.
+        # The calibration belongs to the hub, which is known only from here on.
         calibrated = robot if calibrate is None else calibrate(robot)
         identity = getattr(transport, "identity", None)
         yield from check_hub(identity, robot)
@@ -172,7 +172,8 @@ def check_robot(
                 "the environment's program does not start before all is plugged in",
             )
             return
-        # A failure from here on is a finding among others: those before are known, and printed.
+        # A failure from here on becomes one more finding, because the findings before it are
+        # already printed.
         try:
             with HubLink(
                 transport,
@@ -203,7 +204,7 @@ def check_robot(
                     is_right,
                     advise,
                 )
-            # After the link is closed, as a hub runs one program at a time.
+            # This comes after the link is closed, because a hub runs one program at a time.
             has_wheels = calibrated.drive_base is not None
             if has_wheels and robot.hub.model.has_imu and may_move():
                 turns = turn_wheels(transport, calibrated)
@@ -291,7 +292,8 @@ def check_ports(robot: Robot, result: Survey) -> Iterator[Finding]:
             )
             yield Finding(name, Outcome.WARNING, detail)
         else:
-            # Ports where a device of this kind belongs: one there is not the one that is missing.
+            # A sensor that is plugged in where another one of its kind belongs is not the one that
+            # is missing.
             its_ports = {
                 device.port
                 for device in expected.values()
@@ -311,8 +313,8 @@ def check_ports(robot: Robot, result: Survey) -> Iterator[Finding]:
 
 def check_battery(hub: AnyHub, battery_mv: int) -> Finding:
     """Battery check: enough voltage for the motors."""
-    # Below the first voltage the hub warns, below the second it soon switches off; limits of the
-    # firmware (battery.c).
+    # By the firmware's limits (battery.c), a hub warns below the first voltage, and soon switches
+    # off below the second.
     cells = (5400, 4800, "put fresh batteries in")
     lithium = (6800, 6000, "charge it")
     low_mv, critical_mv, remedy = lithium if hub.model.is_rechargeable else cells
@@ -365,8 +367,8 @@ def check_angles(
 
 
 def check_distances(interface: Interface, values: Sequence[float]) -> Iterator[Finding]:
-    """What distance sensors measure, in the reading ``values [n_channels]``. One that sees nothing
-    may be dead."""
+    """Check the distances in the reading ``values [n_channels]``. A sensor that sees nothing may be
+    dead."""
     for channel, value in zip(interface.channels, values, strict=True):
         if isinstance(channel, Distance):
             doubt = ""
@@ -400,12 +402,12 @@ def small_move(
     """A small value of a command; for a joint with a known angle, towards the middle of its
     range."""
     sign = 1.0
-    # A move towards a stop would be blocked there.
+    # A move towards a stop would be blocked, so the other direction is taken past the middle.
     if range_deg is not None and angle_deg is not None and angle_deg > sum(range_deg) / 2:
         sign = -1.0
     preferred = min(max(sign * TEST_MOVE, command.low), command.high)
     opposite = min(max(-sign * TEST_MOVE, command.low), command.high)
-    # A command may have one sign only; then the other way is the only one.
+    # A command may allow one sign only, and then the other direction is the only one.
     return preferred if abs(preferred) >= abs(opposite) else opposite
 
 
@@ -447,7 +449,7 @@ def _check_move(
     actions = [0.0] * len(interface.commands)
     before = link.read().values
     motors = [robot.motor(name) for name in command.motors(robot)]
-    # A light or a sound: nothing here can tell whether it was there.
+    # Nothing here can tell whether there was a light or a sound.
     if not motors:
         actions[index] = command.high
         link.act(actions)
@@ -459,12 +461,12 @@ def _check_move(
     link.act(actions)
     after = before
     end_s = link.now_s() + _TEST_MOVE_S
-    # A step may end before its move does; readings keep the program alive meanwhile.
+    # A step may end before its move does. Reading meanwhile keeps the program alive.
     while link.now_s() < end_s:
         after = link.read().values
     if not command.ends:
         link.act([0.0] * len(interface.commands))
-    # First what the sensors say, then what a person has seen.
+    # Sensors are asked first, then the person who watched.
     turns_deg = command.turns_deg(robot, value)
     for motor, angle_before, turn_deg in zip(
         motors,
@@ -476,11 +478,12 @@ def _check_move(
         if angle_before is None or angle_after is None:
             continue
         turned = (angle_after - angle_before + 180.0) % 360.0 - 180.0
-        # Angles may be wrapped: add the whole turns that bring it nearest to the command.
+        # A wrapped angle does not tell whole turns, so those are added that bring it nearest to the
+        # command.
         if command.ends:
             turned += 360.0 * round((turn_deg - turned) / 360.0)
-        # Times the expected turn, so that the sign counts too; where none is expected, any is
-        # right.
+        # Multiplying both sides by the expected turn makes the sign count; where no turn is
+        # expected, any is right.
         if turned * turn_deg < _LEAST_SHARE * turn_deg**2:
             what = (
                 f"'{motor.name}' (port {motor.port}) turned by {turned:.0f} deg after "
@@ -493,7 +496,7 @@ def _check_move(
         return Finding(name, Outcome.OK, f"{motion}, nobody watched")
     if answer:
         return Finding(name, Outcome.OK, motion)
-    # A person's no: a cable in a wrong port, or a direction.
+    # A person who says no has seen a cable in a wrong port, or a wrong direction.
     ports = " and ".join(motor.port for motor in motors)
     which = f"if it was another motor, swap the cables (port {ports})"
     if advise is not None and len(motors) == 1:
@@ -524,13 +527,15 @@ def check_wheels(
     base = robot.drive_base
     if base is None:
         return
-    # Wheels that turned, each with the turn of the hub that follows (deg, clockwise).
+    # These are the wheels that turned, each with the turn of the hub (deg, clockwise) that should
+    # follow.
     rolled: list[tuple[WheelTurn, float]] = []
     for turn in turns:
-        # The other wheel stands: the robot turns about it, on a circle of the axle track's radius.
+        # The other wheel stands still, so the robot turns about it, on a circle with the axle track
+        # as its radius.
         sign = 1.0 if turn.motor == base.left else -1.0
         expected_deg = sign * turn.wheel_deg * base.wheel_diameter_mm / (2 * base.axle_track_mm)
-        # Else the motor did not turn, as its move has told.
+        # Otherwise the motor did not turn at all, which its own finding tells.
         if abs(expected_deg) >= 1.0:
             rolled.append((turn, expected_deg))
     is_on_floor = any(abs(turn.heading_deg / deg) >= _STILL_SHARE for turn, deg in rolled)
@@ -564,9 +569,9 @@ def _reversing(
     calibrated: Robot,
     names: Sequence[str],
 ) -> str:
-    """What to do about motors that turn the wrong way, in words that can be followed as they
-    are."""
-    # A motor that its calibration reverses, and that turns wrongly, is right as described.
+    """Advice for motors that turn the wrong way, in words that can be followed as they are."""
+    # A motor that is reversed by its calibration and turns wrongly would be right as described, so
+    # the advice is another one.
     reversed_already = []
     as_described = []
     for name in names:

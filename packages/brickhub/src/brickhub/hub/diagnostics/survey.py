@@ -20,8 +20,8 @@ from brickhub.robot.spec import HUB_FLAT
 
 STALL_SPEED_DEG_S = 60
 STALL_TORQUE_MNM = 250
-"""More than a medium motor has: a raised arm needs all of it, and at this speed the stops are not
-damaged."""
+"""Torque at which a joint is turned to its stops. It is more than a medium motor has: a raised arm
+needs all of it, and at this speed the stops are not damaged."""
 STALL_LIMIT_MS = 10_000
 """Time after which a motor counts as free: a whole turn takes 6 s at this speed."""
 STALL_LIMIT_DEG = 400
@@ -82,7 +82,7 @@ def survey(transport: Transport, robot: Robot) -> Survey:
 def parse_survey(lines: list[str]) -> Survey:
     """Survey from the lines that the program printed. Raises HubError if the lines are
     incomplete."""
-    # As a literal, so that nothing that a hub sends is ever run.
+    # Only literals are evaluated, so that nothing that a hub sends is ever run.
     try:
         return Survey(**ast.literal_eval(lines[-1]))
     except (IndexError, SyntaxError, TypeError, ValueError):
@@ -122,7 +122,7 @@ def find_stops(transport: Transport, robot: Robot) -> dict[str, tuple[int, int] 
     joints = _joints(robot)
     if not joints:
         return {}
-    # Three moves of each joint: to both stops, and back to the middle.
+    # The limit is long enough for three moves of each joint: to both stops, and back to the middle.
     timeout_s = 5.0 + 3 * len(joints) * STALL_LIMIT_MS / 1000
     stops_deg: dict[str, tuple[int, int] | None] = {}
     for line in run(transport, stops_program(robot), timeout_s):
@@ -136,7 +136,7 @@ def find_stops(transport: Transport, robot: Robot) -> dict[str, tuple[int, int] 
 
 @dataclass(frozen=True)
 class WheelTurn:
-    """What one wheel of a drive base did forward and, the other way round, back: the sum of both.
+    """Turn of one wheel of a drive base, forward and then back, as the sum of both.
 
     Attributes:
         motor: its name.
@@ -182,7 +182,7 @@ def turn_wheels(transport: Transport, robot: Robot) -> list[WheelTurn]:
         HubError: the hub cannot be reached, or does not answer; the motors are then stopped.
         HubProgramError: the program raised.
     """
-    # Each of two wheels turns forward and back.
+    # The limit is long enough for each of the two wheels to turn forward and back.
     timeout_s = 5.0 + 4 * (_WHEEL_LIMIT_MS + _SETTLE_MS) / 1000
     turns = []
     for line in run(transport, wheels_program(robot), timeout_s):
@@ -214,11 +214,12 @@ def run(
         stderr=errors,
         time_limit_s=timeout_s,
     )
-    # One that was stopped, at its time limit or by the hub's button, lacks its last line.
+    # A program that was stopped by its time limit or by the hub's button lacks its last line.
     if exit_code not in (0, TIME_LIMIT_EXIT_CODE):
         raise HubProgramError(describe_traceback(errors.getvalue(), program.source))
     text = output.getvalue().decode("utf-8", "replace")
-    # The text ends with a line end. Two more before it, so that there are always enough lines.
+    # The text ends with a line end. Two more are put before it, so that there are always enough
+    # lines to unpack.
     *lines, end, _ = f"\n\n{text}".split("\n")
     if end != "end":
         raise HubTimeoutError(
@@ -242,7 +243,7 @@ def _joints(robot: Robot) -> tuple[Motor, ...]:
 def _motors(motors: tuple[Motor, ...]) -> str:
     lines = []
     for motor in motors:
-        # None is what Pybricks calls a motor without gears.
+        # Pybricks calls it None if a motor has no gears.
         gears = list(motor.gears) or None
         direction = f"Direction.{motor.direction.name}"
         lines.append(f'    ("{motor.name}", Port.{motor.port}, {direction}, {gears}),\n')
@@ -265,12 +266,13 @@ def _program(
             for line in imports
         ]
     head = [*comments, *sorted_imports([hub_import, *imports]), "", *constants, ""]
-    # The empty line ends that of the HELLO frame, whose bytes are no text.
+    # The empty line ends the line of the HELLO frame, whose bytes are no text.
     body = [hub_line(robot), "print()", onboard_text(script).strip(), ""]
-    # Of the text without its HELLO, which carries the hash.
+    # The hash is computed without the HELLO frame, which carries it.
     digest = hashlib.sha256("\n".join([*head, *body]).encode()).digest()
     program_hash = int.from_bytes(digest[:4], "little")
-    # Before anything that may raise, as the transport waits for it to know which program runs.
+    # HELLO comes before anything that may raise, because the transport learns from it which program
+    # runs.
     hello_frame = control_frame(Up.HELLO, hello_payload(program_hash))
     hello = f"stdout.buffer.write({hello_frame!r})"
     return HubProgram("\n".join([*head, hello, "", *body]), program_hash)

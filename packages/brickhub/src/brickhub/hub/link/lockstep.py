@@ -46,12 +46,12 @@ _WATCHDOG_ROUND_TRIPS = 4
 """Least watchdog in 99th percentiles of the link's round trips, so that a slow link does not stop
 the motors."""
 _WATCHDOG_MAX_MS = 0xFFFF
-"""Its frame carries an unsigned number of 16 bits."""
+"""Longest watchdog, because its frame carries an unsigned number of 16 bits."""
 _READS_PER_WAIT = 1000
 _CLOCK_TICK_S = 0.001
 """Tick of a virtual hub: a wait of less than half of it would not advance its clock."""
 _TRACEBACK_READS = 50
-"""Most reads for the rest of a traceback."""
+"""Largest number of reads for the rest of a traceback."""
 _TRACEBACK_PAUSE_S = 0.2
 """Silence after which a traceback is complete: it comes in notifications of 19 bytes."""
 
@@ -91,19 +91,20 @@ class HubLink(RobotLink):
         self._calibrate = calibrate
         self.program = self._program_of(robot)
         self.wire = protocol.WireFormat(interface, robot)
-        self._saturated = set[str]()  # channels of which that was said
+        # These channels have been reported as saturated, which is done only once.
+        self._saturated = set[str]()
         self._transport = transport
         self._transport_is_open = False
         self._has_started = False
         self._timeout_s = timeout_s
-        # A program says HELLO only when all of its devices are set up, a remote within 10 s.
+        # A program says HELLO only when all of its devices are set up, and a remote may take 10 s.
         longest_setup_s = max(channel.setup_s for channel in interface.channels)
         self._start_s = timeout_s + longest_setup_s
         settle = interface.settle
         self._longest_move_s = settle.longest_ms / 1000
         self._known_move_s = None if settle.fixed_ms is None else self._longest_move_s
         self._least_watchdog_ms = _watchdog_ms(watchdog_s)
-        # What the program on the hub begins with; the link changes it when the program has started.
+        # The link changes this time once the program runs, so it begins with that of the program.
         self._watchdog_ms = WATCHDOG_MS
         self._seq = 0
         self._frame = b""
@@ -143,7 +144,7 @@ class HubLink(RobotLink):
         with self._fault():
             if not self._transport_is_open:
                 self._transport.open()
-                # A calibration belongs to a hub, which is known by its address from here on.
+                # A calibration belongs to a hub, whose address is known from here on.
                 if self._calibrate is not None:
                     calibrated = self._calibrate(self._robot)
                     self.program = self._program_of(calibrated)
@@ -198,7 +199,8 @@ class HubLink(RobotLink):
         payload = self.wire.encode_actions(values)
         self._require_open()
         self._seq = protocol.next_seq(self._seq)
-        # Before the frame is sent: if sending fails, the hub may still have got it and move.
+        # The state changes before the frame is sent: even if sending fails, the hub may have got it
+        # and move.
         self.state = after(self.state, Cause.ACTED)
         return protocol.data_frame(self._seq, payload)
 
@@ -212,7 +214,7 @@ class HubLink(RobotLink):
         """
         self._require_open()
         with self._fault():
-            # On the request of a HELLO the hub stops its motors and forgets its sequence number.
+            # A HELLO request makes the hub stop its motors and forget its sequence number.
             self._request_hello()
             self._seq = 0
             self._begin()
@@ -225,7 +227,8 @@ class HubLink(RobotLink):
 
         All later calls raise ``StoppedError`` until ``release``.
         """
-        # First, so that the thread that waits for an answer finds the reason when it is woken.
+        # This is set first, so that a thread that waits for an answer finds the reason when it is
+        # woken.
         self._halted.set()
         self._transport.stop()
 
@@ -238,7 +241,7 @@ class HubLink(RobotLink):
         transport failed; the hub's watchdog then stops the motors."""
         if self.state is LinkState.DISCONNECTED:
             return
-        # Also where the transport fails: no command may follow.
+        # No command may follow, even if the transport fails to stop the hub.
         self.state = after(self.state, Cause.STOPPED)
         self._transport.stop()
 
@@ -248,7 +251,7 @@ class HubLink(RobotLink):
         for name, step in (("stop", self.stop), ("disconnect", self._transport.close)):
             try:
                 step()
-            # - closing must go on, whatever a transport raises; the hub stops by itself
+            # Closing must go on whatever a transport raises, because the hub stops by itself.
             except Exception as error:  # noqa: BLE001
                 # The trace of an error that is not one of ours points to a bug.
                 is_ours = isinstance(error, HubError)
@@ -267,27 +270,28 @@ class HubLink(RobotLink):
         stop came meanwhile."""
         self._begin_to_listen()
         if self._has_started:
-            # If the hub is out of reach, the start raises, and says so better.
+            # If the hub is out of reach, the start will raise a better error.
             with contextlib.suppress(HubError):
                 self._transport.stop()
         self._transport.start(self.program)
         self._has_started = True
-        # An emergency stop during the start may have stopped only the previous program.
+        # An emergency stop during the start may have stopped only the program before this one.
         if self._halted.is_set():
             self._transport.stop()
             raise stopped_error()
 
     def _start_program(self) -> None:
         self._run_program()
-        # A new program begins with its own clock, sequence numbers and watchdog.
+        # These belong to one program, so a new one begins with a new clock, new sequence numbers
+        # and a new watchdog.
         self._clock = HubClock()
         self._seq = 0
         self._watchdog_ms = WATCHDOG_MS
         self.statistics.watchdog_s = WATCHDOG_MS / 1000
-        # The program sends a HELLO at its start; it is requested if that one does not come.
+        # The HELLO that the program sends at its start may get lost, and then one is requested.
         hello = self._receive_hello() or self._request_hello()
         check_hello(hello, self.program.hash)
-        # After a reconnection the link's round trips are known already.
+        # After a reconnection the round trips of the link are already known.
         watchdog_ms = self._needed_watchdog_ms()
         if watchdog_ms != WATCHDOG_MS:
             self._set_watchdog(watchdog_ms)
@@ -354,18 +358,19 @@ class HubLink(RobotLink):
             wake_s = self._sent_s + min(time_s, limit_s)
             answer = self._wait_for(self._is_answer, wake_s - self.now_s())
             if isinstance(answer, protocol.DataFrame):
-                # A hub reads its sensors at the end of a step of a known time, else at any time.
+                # A hub reads its sensors at the end of a step if its time is known, and at any time
+                # otherwise.
                 self._compare_clocks(answer, self._sent_s + (known_move_s or 0.0))
                 reading = self._reading(answer, self.now_s() - self._sent_s)
                 self.statistics.record(reading.round_trip_s, reading.age_s)
                 return reading
             waited_s = self.now_s() - self._sent_s
-            # By the planned times too, in case the clock stands still.
+            # Planned times count as well, in case the clock stands still.
             if max(time_s, waited_s) >= limit_s:
                 break
             is_overdue = time_s > due_s
             self.statistics.resends += is_overdue
-            # The command itself is repeated from time to time, as it may be what was lost.
+            # Sometimes the command itself is repeated, because the command may be what was lost.
             repeats_command = is_overdue or number % REPEATS_PER_WATCHDOG == 0
             self._write(frame if repeats_command else _watchdog_frame(self._watchdog_ms))
         raise self._timeout_error("the hub did not answer", limit_s)
@@ -389,7 +394,7 @@ class HubLink(RobotLink):
         """Reading from the newest answer, as old as it is now."""
         wrapped_ms, values = self.wire.decode_answer(answer.payload)
         for name in self.wire.saturated(answer.payload):
-            # Once for each channel: it stays at its end for many steps.
+            # Each channel is named once, because it stays at its end for many steps.
             if name not in self._saturated:
                 self._saturated.add(name)
                 _log.warning(
@@ -423,12 +428,12 @@ class HubLink(RobotLink):
             if frame.kind == protocol.Up.BYE:
                 raise bye_error(frame)
             return False
-        # A frame that was repeated while its answer was on the way is answered twice.
+        # A frame that is repeated while its answer is on the way gets two answers.
         self.statistics.stale_answers += frame.seq != self._seq
         return frame.seq == self._seq
 
     def _adapt_watchdog(self) -> None:
-        """Before an exchange, set the watchdog by the measured round trips: at once if one took
+        """Set the watchdog by the measured round trips, before an exchange: at once if one took
         long, and from time to time."""
         delays_s = self.statistics.delays_s
         is_slow = False
@@ -439,7 +444,8 @@ class HubLink(RobotLink):
         if not (is_slow or is_time_to_check):
             return
         needed_ms = self._needed_watchdog_ms()
-        # Raised at once, lowered only to less than half: each change is a write more before a step.
+        # The watchdog is raised at once, but lowered only if half of it would do: each change costs
+        # one more write before a step.
         is_right = self._watchdog_ms / 2 <= needed_ms <= self._watchdog_ms
         if not is_right:
             self._set_watchdog(needed_ms)
@@ -452,8 +458,6 @@ class HubLink(RobotLink):
         self._write(_watchdog_frame(watchdog_ms))
         self._watchdog_ms = watchdog_ms
         self.statistics.watchdog_s = watchdog_ms / 1000
-
-    # ---- what the hub's program sends
 
     def _wait_for(
         self,
@@ -469,7 +473,7 @@ class HubLink(RobotLink):
                 if is_wanted(frame):
                     return frame
             remaining_s = deadline_s - self._transport.now_s()
-            # At least one read, as bytes may have come already when the time is up.
+            # Bytes may already have come when the time is up, so there is at least one read.
             if remaining_s <= _CLOCK_TICK_S / 2 and number:
                 return None
             self._feed(self._transport.read(max(0.0, remaining_s)))
@@ -479,7 +483,7 @@ class HubLink(RobotLink):
         """Take bytes, and count the invalid ones. Raises HubProgramError for a traceback among
         them."""
         decoder = self._decoder
-        # A decoder counts from its program's start, the statistics from that of the link.
+        # A decoder counts from the start of its program, but the statistics from that of the link.
         crc_errors_before = decoder.crc_errors
         skipped_bytes_before = decoder.skipped_bytes
         self._frames.extend(decoder.feed(data))
@@ -487,7 +491,8 @@ class HubLink(RobotLink):
         self.statistics.skipped_bytes += decoder.skipped_bytes - skipped_bytes_before
         if "Traceback" not in decoder.text:
             return
-        # The rest of it is on the way. A partial traceback says more than a lost link.
+        # The rest of the traceback is on the way, and even a part of one says more than a lost
+        # link.
         with contextlib.suppress(HubError):
             for _ in range(_TRACEBACK_READS):
                 rest = self._transport.read(_TRACEBACK_PAUSE_S)
@@ -499,14 +504,14 @@ class HubLink(RobotLink):
         )
 
     def _raise_program_error(self) -> None:
-        """After a failure, raise the error of a traceback or a BYE frame, which says more than the
-        transport's."""
+        """Raise the error of a traceback or a BYE frame, after a failure of the transport, whose
+        own error says less."""
         try:
             self._feed(self._transport.read(0.0))
         except HubProgramError:
             raise
         except HubError:
-            # The transport has failed again and has no more to tell than its first error.
+            # The transport fails again, but has nothing to add to its first error.
             return
         for frame in self._frames:
             if isinstance(frame, protocol.ControlFrame) and frame.kind == protocol.Up.BYE:
@@ -560,5 +565,5 @@ def _watchdog_frame(watchdog_ms: int) -> bytes:
 
 
 def _watchdog_ms(seconds: float) -> int:
-    # 0 would stop the motors at once.
+    # A watchdog of 0 would stop the motors at once.
     return max(1, min(_WATCHDOG_MAX_MS, round(seconds * 1000)))

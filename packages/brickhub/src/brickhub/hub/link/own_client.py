@@ -54,7 +54,7 @@ class OwnClient:
                 f"there is no client program '{self.program}'; put it beside your task, or give "
                 "its path"
             )
-        # Absolute, so that the client is found again after a change of the present folder.
+        # The path is absolute, so that the client is found even if the present folder changes.
         object.__setattr__(self, "program", str(found.resolve()))
         for struct_format in (self.commands, self.answer):
             try:
@@ -94,7 +94,7 @@ class OwnClient:
         try:
             if any(map(math.isnan, numbers)):
                 raise ValueError("not a number")
-            # The type of its zero says whether a place of the format takes whole numbers only.
+            # The type of its zero tells whether a place of the format takes whole numbers only.
             zeros = _zeros(self.commands)
             fields = []
             for number, zero in zip(numbers, zeros, strict=True):
@@ -133,7 +133,7 @@ class _AnswerDecoder(FrameDecoder):
 
     def feed(self, data: bytes) -> list[Frame]:
         self.rest += data
-        # Nothing separates answers from text, so that a traceback is known by its first word alone.
+        # Nothing separates answers from text, so a traceback is known by its first word alone.
         if _TRACEBACK in self.rest:
             start = self.rest.index(_TRACEBACK)
             self._text = bytearray(self.rest[start:])
@@ -141,7 +141,7 @@ class _AnswerDecoder(FrameDecoder):
         whole = len(self.rest) // self._size * self._size
         answers = self.rest[:whole]
         self.rest = self.rest[whole:]
-        # Answers carry no sequence number; the link looks at none.
+        # This link does not look at sequence numbers, which a user's answers do not have.
         return [
             DataFrame(1, answers[start : start + self._size])
             for start in range(0, whole, self._size)
@@ -168,7 +168,8 @@ class ClientLink(HubLink):
         self._client = client
         self._warns = warns
         self._at_rest = [min(max(0.0, command.low), command.high) for command in interface.commands]
-        # Last, as the base class asks for the program and the decoder, which need the client.
+        # The base class asks for the program and the decoder, which need the client, so it comes
+        # last.
         super().__init__(
             transport,
             robot,
@@ -205,17 +206,18 @@ class ClientLink(HubLink):
         return self.act(self._at_rest)
 
     def _next_frame(self, values: Iterable[float]) -> bytes:
-        # Nothing is sent, and no state changes, for values that cannot be encoded.
+        # Values are encoded first, so that nothing is sent and no state changes if they cannot be.
         frame = self._client.encoded(values)
         self._require_open()
         self.state = after(self.state, Cause.ACTED)
         return frame
 
     def _send(self, frame: bytes) -> None:
-        # What is there before a command would be taken for its answer.
+        # Bytes that came before the command would be taken for its answer.
         self._require_no_more()
         self._sent_s = self.now_s()
-        # A command of any length: the program reads a stream, in which pieces join again.
+        # A command may have any length, because the program reads a stream in which the pieces join
+        # again.
         for start in range(0, len(frame), WRITE_BYTES):
             self._transport.write(frame[start : start + WRITE_BYTES])
 
@@ -225,7 +227,8 @@ class ClientLink(HubLink):
             try:
                 yield
             except ProgramStoppedError:
-                # A client has to answer until it is stopped, so that its end is a mistake in it.
+                # A client has to answer until it is stopped, so ending by itself is a mistake in
+                # it.
                 raise ProgramStoppedError(
                     f"{self.program.name} has ended; let it answer in a loop without end"
                 ) from None
@@ -253,8 +256,8 @@ class ClientLink(HubLink):
             raise HubTimeoutError(f"{self.program.name} sent {sent} within {limit_s:g} s; {remedy}")
         self._require_no_more()
         round_trip_s = self.now_s() - self._sent_s
-        # A client tells no time of the hub, so that this computer's stands for it, and the age of
-        # an answer is unknown.
+        # A client does not tell the hub's time, so this computer's time stands for it, and the age
+        # of an answer is unknown.
         running_s = self.now_s() - self._started_s
         self.statistics.record(round_trip_s, 0.0)
         numbers = struct.unpack(self._client.answer, answer.payload)

@@ -40,7 +40,6 @@ class LinkProfile:
     wake_ms: float = 0.0
 
 
-# Interval, jitter, loss, burst, lost notifications, wake-up.
 PROFILES = {
     "mac": LinkProfile(
         15.0,

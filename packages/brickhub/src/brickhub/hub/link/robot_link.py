@@ -76,8 +76,8 @@ class RobotLink(ABC):
 
     def release(self) -> None:
         """End an emergency stop: ``open`` goes on."""
-        # No call may have failed since the stop; yet the program was stopped, so that the link is
-        # not open any more.
+        # After a stop the program is gone, even if no call has failed yet, so the link is not open
+        # any more.
         if self._halted.is_set() and self.is_open:
             self.state = after(self.state, Cause.HALTED)
         self._halted.clear()
@@ -98,7 +98,8 @@ class RobotLink(ABC):
         try:
             self.open()
         except BaseException:
-            # Python calls __exit__ only after a successful __enter__, and the hub may be connected.
+            # Python calls __exit__ only after a successful __enter__, but the hub may be connected
+            # already.
             self.close()
             raise
         return self
@@ -129,7 +130,7 @@ class RobotLink(ABC):
         try:
             yield
         except (HubError, StoppedError) as error:
-            # During an emergency stop an error of the transport is only its consequence.
+            # During an emergency stop, an error of the transport is only its consequence.
             cause = Cause.HALTED if self._halted.is_set() else cause_of(error)
             self.state = after(self.state, cause)
             if self._halted.is_set() and not isinstance(error, StoppedError):

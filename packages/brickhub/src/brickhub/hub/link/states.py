@@ -154,7 +154,7 @@ _CAUSES = {error: cause for cause in Cause for error in cause.value.errors}
 
 def cause_of(error: BricksError) -> Cause:
     """Cause of an error: that of its type, or of the nearest type that it is derived from."""
-    # From the type itself to its bases, the most special first.
+    # The most special type comes first, then its bases.
     for kind in type(error).__mro__:
         if kind in _CAUSES:
             return _CAUSES[kind]

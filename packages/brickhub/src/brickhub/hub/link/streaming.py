@@ -28,7 +28,7 @@ _SENDS_PER_WATCHDOG = 3
 _HALF_TICK_S = 0.0005
 """Half a tick of a simulated clock: shorter waits do not advance it."""
 _WAITS_PER_STEP = 100_000
-"""Most waits in a step, in case the transport's clock stands still."""
+"""Largest number of waits in a step, in case the transport's clock stands still."""
 
 
 class StreamingLink(HubLink):
@@ -67,9 +67,9 @@ class StreamingLink(HubLink):
         """
         frame = self._next_frame(values)
         started_s = self.now_s()
-        # Steps follow each other from the end of the last one, so that the caller's own time does
-        # not add up. After a longer pause that end has passed, and the rhythm begins anew; else
-        # several steps would be over at once.
+        # Each step begins at the end of the one before, so that the caller's own time does not add
+        # up. After a longer pause the rhythm begins anew, because several steps would otherwise be
+        # over at once.
         next_due_s = self._due_s + self._step_s
         is_late = next_due_s <= started_s
         self._due_s = started_s + self._step_s if is_late else next_due_s
@@ -107,7 +107,7 @@ class StreamingLink(HubLink):
         next_send_s = started_s
         for _ in range(_WAITS_PER_STEP):
             now_s = self.now_s() + _HALF_TICK_S
-            # At the end of the step, frames that have come already may hold a newer observation.
+            # Frames that have arrived by the end of the step may hold a newer observation.
             is_over = now_s >= self._due_s and not self._frames
             if newest is not None and is_over:
                 return self._reading(newest, arrived_s - started_s)
@@ -115,18 +115,20 @@ class StreamingLink(HubLink):
                 break
             if now_s >= next_send_s:
                 is_first_send = next_send_s <= started_s
-                # Either the command was lost, or the request for observations at the start.
+                # Either the command was lost, or the request for observations at the start, so both
+                # are sent again.
                 if newest is None and not is_first_send:
                     self.statistics.resends += 1
                     self._request_stream()
                 self._write(frame)
                 next_send_s = self.now_s() + keepalive_s
-            # Without an observation the step cannot end, however long it has lasted.
+            # A step without an observation cannot end, however long it has lasted.
             end_s = give_up_s if newest is None else self._due_s
             wake_s = min(next_send_s, end_s)
             answer = self._wait_for(self._is_answer, wake_s - self.now_s())
             if isinstance(answer, DataFrame):
-                # The round trip is that of the command; later observations come by themselves.
+                # The first observation gives the round trip of the command; later ones come by
+                # themselves.
                 if newest is None:
                     arrived_s = self.now_s()
                 newest = answer

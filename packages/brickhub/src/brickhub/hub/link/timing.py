@@ -38,14 +38,14 @@ class HubClock:
 
     def __init__(self) -> None:
         self._time_ms = 0
-        # Bounds of the time on this computer's clock at which the hub's clock was 0.
+        # The hub's clock was 0 at some time between these bounds, on this computer's clock.
         self._lower_bounds_s: deque[float] = deque(maxlen=_COMPARED_EXCHANGES)
         self._upper_bounds_s: deque[float] = deque(maxlen=_COMPARED_EXCHANGES)
 
     def unwrap(self, time_ms: int) -> int:
         """Unwrap the hub's 16-bit clock; answers are never a whole wrap (65.5 s) apart unless the
         program ended."""
-        # Python's remainder is never negative, so that a smaller number counts as a wrap.
+        # Python's remainder is never negative, so a smaller number counts as a wrap.
         since_last_ms = (time_ms - self._time_ms) % _WRAP_MS
         self._time_ms += since_last_ms
         return self._time_ms
@@ -71,7 +71,7 @@ class HubClock:
         if not self._upper_bounds_s:
             return 0.0
         upper_bound_s = min(self._upper_bounds_s)
-        # The clocks drift, so that bounds of exchanges far apart may contradict each other.
+        # Clocks drift, so bounds from exchanges that are far apart may contradict each other.
         lower_bound_s = min(max(self._lower_bounds_s), upper_bound_s)
         offset_s = (lower_bound_s + upper_bound_s) / 2
         return max(0.0, now_s - offset_s - time_ms / 1000)
@@ -93,14 +93,14 @@ def repeat_times_s(move_s: float | None, watchdog_s: float) -> Iterator[float]:
         while True:
             time_s += longest_pause_s
             yield time_s
-    # Keepalives divide the move evenly; none falls on its end, where the answer is due and a write
+    # Keepalives divide the move evenly. None falls on its end, where the answer is due and a write
     # would be in the way of the next command.
     count = int(move_s / longest_pause_s)
     pause_s = move_s / (count + 1)
     for _ in range(count):
         time_s += pause_s
         yield time_s
-    # From here on an answer is overdue: the frame or the answer was lost.
+    # After this time an answer is overdue, so the frame or its answer was lost.
     overdue_s = watchdog_s / 2
     time_s += pause_s + overdue_s
     yield time_s
@@ -116,7 +116,7 @@ def percentile(values: Iterable[float], percent: float) -> float:
     low = ordered[math.floor(position)]
     high = ordered[math.ceil(position)]
     share = position % 1
-    # From the nearer end, so that rounding never takes the result beyond the two.
+    # The result is computed from the nearer end, so that rounding never takes it beyond either.
     if share < 0.5:
         return low + (high - low) * share
     return high - (high - low) * (1 - share)

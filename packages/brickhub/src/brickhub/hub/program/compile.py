@@ -29,7 +29,7 @@ def cross_compile(source: str, name: str) -> tuple[bytes | None, str]:
             f"the compiler mpy-cross could not be run ({error}); reinstall mpy-cross-v6"
         ) from error
     report = process.stderr.decode("utf-8", "replace").strip()
-    # A compiler that crashed has said nothing.
+    # A compiler that has crashed says nothing itself.
     return mpy, report or f"mpy-cross ended with status {process.returncode}"
 
 
@@ -100,7 +100,7 @@ def check_program(program: HubProgram, hub: AnyHub) -> int:
     """Size in bytes of a program on a hub. Raises ProgramError if the compiler refuses it, it is
     too large, imports a module that is neither on the hub nor beside it, or reads a name that
     nothing sets."""
-    # The compiler itself first: what it refuses needs no further look.
+    # The compiler goes first, because what it refuses needs no further look.
     size = len(program_blob(compile_program(program), hub))
     modules = HUB_MODULES | {module.name for module in program.modules}
     sources = [(program.name, program.source)]
@@ -128,13 +128,13 @@ def _check_imports(
 def _check_names(tree: ast.AST, file: str) -> None:
     """Raise ProgramError for a name that nothing sets; a hub notices that only when it runs the
     line."""
-    # The text is written anew from the tree, since CPython refuses some that the hub takes.
+    # CPython refuses some texts that a hub accepts, so the text is written anew from the tree.
     top = symtable.symtable(ast.unparse(tree), file, "exec")
     known = set(dir(builtins))
     for symbol in top.get_symbols():
         if symbol.is_assigned() or symbol.is_imported():
             known.add(symbol.get_name())
-    # Functions may set names of the top level.
+    # Functions too may set names of the top level.
     for node in ast.walk(tree):
         if isinstance(node, ast.Global):
             known.update(node.names)
@@ -155,7 +155,7 @@ def _line_of(tree: ast.AST, name: str) -> int:
 
 def _global_names(table: symtable.SymbolTable) -> Iterator[str]:
     """Names that a scope, and those within, read from the top level of the program."""
-    # At the top level itself every name is global, which CPython's table does not call it.
+    # All names of the top level are global, which CPython's table does not say.
     is_top = table.get_type() == "module"
     for symbol in table.get_symbols():
         if symbol.is_referenced() and (symbol.is_global() or is_top):
@@ -169,6 +169,6 @@ def imported_modules(tree: ast.AST) -> Iterator[str]:
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
-        # Relative imports name no module by themselves.
+        # A relative import has no module name of its own.
         elif isinstance(node, ast.ImportFrom) and node.module is not None and not node.level:
             yield node.module

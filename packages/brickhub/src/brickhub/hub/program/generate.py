@@ -61,7 +61,7 @@ def validate(robot: Robot, interface: Interface) -> None:
             "the interface has no channels; name at least one, so that the hub has something "
             "to answer"
         )
-    # A command and a channel may have the same name: an angle that is set, and read.
+    # A command and a channel may share a name, because an angle can be both set and read.
     for numbers in (interface.commands, interface.channels):
         counts = Counter(number.name for number in numbers)
         for number in numbers:
@@ -70,7 +70,7 @@ def validate(robot: Robot, interface: Interface) -> None:
             low = number.low
             high = number.high
             largest = WIRE_MAX / number.scale
-            # Written so that a NaN is refused too.
+            # The comparison is written such that it refuses NaN too.
             if not -largest <= low < high <= largest:
                 raise number.error(
                     f" ranges from {low} to {high}; give low < high within +-{largest:g}"
@@ -104,7 +104,7 @@ def validate(robot: Robot, interface: Interface) -> None:
 
 
 def _check_encoders(robot: Robot, interface: Interface) -> None:
-    # A channel of a motor reads its angle; a command may do without.
+    # A channel of a motor needs its encoder, which a command may do without.
     parts: list[Channel | Command] = [*interface.channels]
     parts += [command for command in interface.commands if command.needs_encoder]
     for part in parts:
@@ -137,7 +137,8 @@ def generate(
     parts = [
         _constants(robot, interface, pipe),
         *_joint_part(robot, interface),
-        input_part,  # first, since the host may write as soon as the program runs
+        # The input comes first, because the host may write as soon as the program runs.
+        input_part,
         _devices(robot, interface),
         _start_moves(robot, interface),
         _read_channels(robot, interface),
@@ -297,7 +298,7 @@ def _joined(
 
 
 def _joint_part(robot: Robot, interface: Interface) -> list[str]:
-    # Only where it is needed: a City hub has 20 KB for the whole program.
+    # A City hub has 20 KB for the whole program, so this is included only where it is needed.
     return [_onboard("joint")[1]] if _joints(robot, interface) else []
 
 
@@ -319,7 +320,7 @@ def onboard_text(name: str) -> str:
     """The hub's part of a file in ``onboard``."""
     file = resources.files(f"{__package__}.onboard").joinpath(f"{name}.py")
     text = file.read_text(encoding="utf-8")
-    # What is before this line speaks to readers and tools on this computer.
+    # What stands before this line is for readers and tools on this computer.
     return text.split("# --- the hub's part ---\n", 1)[1]
 
 
@@ -368,7 +369,6 @@ def _header(
 def _robot_imports(robot: Robot, interface: Interface) -> list[str]:
     motors = _motors(robot, interface)
     sensors = _sensors(robot, interface)
-    # Pairs of a module and a name in it.
     names = {("pybricks.hubs", robot.hub.model.class_name)}
     for motor in motors:
         names.add(("pybricks.pupdevices", motor.kind.model.class_name))
@@ -382,7 +382,7 @@ def _robot_imports(robot: Robot, interface: Interface) -> list[str]:
         names.add(("pybricks.parameters", "Direction"))
     if robot.hub_sides != HUB_FLAT:
         names.add(("pybricks.parameters", "Axis"))
-    # Sorted, so that the text of a program, and with it its hash, is always the same.
+    # Imports are sorted, so that a program always has the same text and thereby the same hash.
     names_of_modules: dict[str, list[str]] = {}
     for module, name in sorted(names):
         names_of_modules.setdefault(module, []).append(name)
@@ -468,7 +468,7 @@ def _sensors(robot: Robot, interface: Interface) -> list[Sensor]:
 
 def _device_names(robot: Robot, interface: Interface) -> list[str]:
     """Names of the motors and sensors of the interface, each once, those of its channels first."""
-    # A dictionary keeps the order of first mention.
+    # A dictionary keeps the order in which names are first mentioned.
     names: dict[str, None] = {}
     for part in (*interface.channels, *interface.commands):
         for name in part.devices(robot):
@@ -486,7 +486,7 @@ def _joints(robot: Robot, interface: Interface) -> set[str]:
     return turned_by_angle & with_range
 
 
-# Pybricks' axes are those of a robot: x forward, y left, z up.
+# No turn is needed, because Pybricks' axes are those of a robot: x forward, y left, z up.
 _AXES = {
     "ahead": "Axis.X",
     "back": "-Axis.X",
@@ -510,15 +510,16 @@ def _devices(robot: Robot, interface: Interface) -> str:
     lines = [hub_line(robot)]
     for motor in _motors(robot, interface):
         lines += _motor_lines(motor, motor.name in joints)
-    # After the motors, of which a drive base is made; equal setups, such as that of the drive base
-    # for several commands, once.
+    # Setups come after the motors, because a drive base is made of them. Equal setups, as of
+    # several commands for one drive base, are written once.
     setups = dict.fromkeys(command.setup(robot) for command in interface.commands)
     setups |= dict.fromkeys(channel.setup(robot) for channel in interface.channels)
     for setup in setups:
         lines += setup
     for sensor in _sensors(robot, interface):
         lines.append(f"sensor_{sensor.name} = {sensor.kind.value}(Port.{sensor.port})")
-    # What stops at the end, and ends a step: both wheels of a drive base by the drive base, once.
+    # A dictionary holds each mover once, because the two wheels of a drive base have a single one
+    # that stops and ends a step.
     movers: dict[str, None] = {}
     for command in interface.commands:
         if command.mover is not None:
@@ -532,7 +533,7 @@ def _motor_lines(motor: Motor, is_joint: bool) -> list[str]:
     arguments = [f"Port.{motor.port}"]
     if motor.direction is Direction.COUNTERCLOCKWISE:
         arguments.append("Direction.COUNTERCLOCKWISE")
-    # Gears are for the angles of an encoder: a DCMotor takes none.
+    # Gears convert the angles of an encoder, so a DCMotor takes none.
     if motor.gears and motor.kind.model.has_encoder:
         arguments.append(f"gears={list(motor.gears)}")
     lines = [f"{variable} = {motor.kind.model.class_name}({', '.join(arguments)})"]
@@ -543,11 +544,12 @@ def _motor_lines(motor: Motor, is_joint: bool) -> list[str]:
         "acceleration": motor.acceleration_deg_s2,
         "torque": motor.torque_limit_mnm,
     }
-    # What is not given keeps the firmware's default.
+    # Limits that are not given keep the firmware's defaults.
     limit_arguments = [f"{name}={value}" for name, value in limits.items() if value is not None]
     if limit_arguments:
         lines.append(f"{variable}.control.limits({', '.join(limit_arguments)})")
-    # Last, as a Joint has only the methods of a motor that commands and channels need.
+    # The Joint wraps the motor last, because it has only the methods that commands and channels
+    # need.
     if is_joint and motor.range_deg is not None:
         low_deg, high_deg = motor.range_deg
         lines.append(f"{variable} = Joint({variable}, {low_deg}, {high_deg})")
@@ -557,11 +559,11 @@ def _motor_lines(motor: Motor, is_joint: bool) -> list[str]:
 def _from_zero(motor: Motor, angle: str) -> str:
     """Expression of the angle relative to the calibrated zero, shifted by whole turns to be near
     the range."""
-    # A hub's angle is in whole degrees, so that it cannot be shifted by turns of a fraction.
+    # A hub reports whole degrees, so turns of a fractional length cannot be added to them.
     if not motor.turn_deg.is_integer():
         return f"{angle} - {motor.zero_deg}"
-    # After it is switched on, a hub knows an angle within one turn of the shaft only. Of the angles
-    # that it may be, the one within half a turn of the middle of the range is taken.
+    # When it is switched on, a hub knows an angle only within one turn of the shaft. Of the
+    # possible angles, the one within half a turn of the middle of the range is taken.
     turn_deg = int(motor.turn_deg)
     middle_deg = sum(motor.range_deg or (0, 0)) // 2
     lowest_deg = middle_deg - turn_deg // 2
@@ -573,11 +575,12 @@ def _start_moves(robot: Robot, interface: Interface) -> str:
         "def start_moves(actions):",
         '    """Start the commands, clamped to their ranges, without waiting for their ends."""',
     ]
-    # By the call on the hub: its first command, and the expressions of all of its commands.
+    # Commands are grouped by their call on the hub, each with its first command and the expressions
+    # of all of them.
     first_commands: dict[str, Command] = {}
     amounts_of_calls: dict[str, dict[str, str]] = {}
     for index, command in enumerate(interface.commands):
-        # The hub clamps to the range, whatever the host sends.
+        # The hub clamps to the range itself, whatever the host sends.
         low = round(command.low * command.scale)
         high = round(command.high * command.scale)
         amount = f"whole(actions[{index}], {low}, {high}, {command.scale})"
@@ -590,8 +593,8 @@ def _start_moves(robot: Robot, interface: Interface) -> str:
 
 
 def _statements(channels: Sequence[Channel]) -> list[str]:
-    """What has to be read before the channels, each once."""
-    # A call that returns several numbers is made once, also as they then belong together.
+    """Statements that read what the channels need, each once."""
+    # A call that returns several numbers is made only once, so that they also belong together.
     statements = dict.fromkeys(channel.statement for channel in channels)
     return [f"    {statement}" for statement in statements if statement is not None]
 

@@ -49,14 +49,15 @@ class ProgramFiles:
         self._folder = folder
         self._tell = tell
         self._line = b""
-        self._is_printed = False  # the beginning of the present line
+        # This tells whether the beginning of the present line is already printed.
+        self._is_printed = False
         self._file: BinaryIO | None = None
         self._name = ""
         self._line_count = 0
 
     def write(self, data: bytes, /) -> int:
         """Take further output. Raises OSError if the output or a file cannot be written."""
-        # Pieces end anywhere, also within a marker.
+        # Pieces may end anywhere, even within a marker.
         *line_ends, beginning = data.split(b"\n")
         for line_end in line_ends:
             self._take(line_end)
@@ -70,7 +71,7 @@ class ProgramFiles:
 
     def close(self) -> None:
         """Save what was begun, at the end of the program."""
-        # The last line may lack its end.
+        # The last line may lack its line end.
         if self._line and self._file is not None:
             self._end_line()
         elif self._line and not self._is_printed:
@@ -93,12 +94,12 @@ class ProgramFiles:
     def _end_line(self) -> None:
         line = self._line.removesuffix(b"\r")
         is_printed = self._is_printed
-        # The next line begins, whatever comes of this one: writing may raise.
+        # The next line begins whatever comes of this one, because writing may raise.
         self._line = b""
         self._is_printed = False
         if is_printed:
             self._output.write(b"\n")
-        # Also within a file: one that lacks its end ends where the next one begins.
+        # A file that lacks its end ends where the next one begins.
         elif line.startswith(_BEGINNINGS):
             self._begin_file(line)
         elif self._file is not None and line.startswith(_ENDS):
@@ -125,7 +126,7 @@ class ProgramFiles:
             self._name = name
             self._line_count = 0
             return
-        # The name comes from the program, so that it is shown with escapes and cut.
+        # The program chose this name, so it is shown with escapes and cut.
         shown = repr(name[:80])
         self._tell(
             f"the program's file {shown} was not saved, but printed ({problem}); choose a name "
@@ -137,7 +138,7 @@ class ProgramFiles:
         file = self._file
         if file is None:
             return
-        # Closing may raise on a full disk; then it is not tried again.
+        # Closing may raise on a full disk, and must not be tried again then.
         self._file = None
         file.close()
         self._tell(f"saved {self._folder / self._name} ({counted(self._line_count, 'line')})")
@@ -151,8 +152,8 @@ def _may_be_marker(line: bytes) -> bool:
 def why_unsafe(name: str, folder: Path) -> str | None:
     """Why a program may not write a file of that name beside it, in its ``folder``; ``None`` if it
     may."""
-    # A path of Windows on every system: it knows both kinds of slashes, and letters of drives, so
-    # that a program that may write a file on one computer may do so on another.
+    # Names are read as paths of Windows on every system, because these know both kinds of slashes
+    # and drives. So a file that one computer accepts is accepted by all.
     windows_path = PureWindowsPath(name)
     parts = windows_path.parts
     if not parts or not name.isprintable():
@@ -166,12 +167,12 @@ def why_unsafe(name: str, folder: Path) -> str | None:
         return "it is hidden"
     if any(is_device_of_windows(part) for part in parts):
         return "it is a device of Windows"
-    # Windows leaves out dots and spaces at the end of a name.
+    # Windows ignores dots and spaces at the end of a name.
     if Path(name.rstrip(". ")).suffix.lower() in _RUN_BY_A_COMPUTER:
         return "a computer runs such files"
     path = folder / name
-    # What is in the folder already counts too: a link may lead elsewhere, and only a table or a
-    # text is replaced.
+    # What already exists counts too: a link may lead elsewhere, and only a table or a text may be
+    # replaced.
     try:
         is_inside = path.resolve().is_relative_to(folder.resolve())
         if not is_inside or path.is_symlink():

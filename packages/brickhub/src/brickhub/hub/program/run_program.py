@@ -45,7 +45,7 @@ def check_time_limit(time_limit_s: float | None) -> None:
 
 
 def time_limit_note(time_limit_s: float) -> str:
-    """What a person is told of a program that the time limit ended."""
+    """Note to a person about a program that the time limit ended."""
     return f"The program was stopped at the time limit of {time_limit_s:g} s.\n"
 
 
@@ -76,7 +76,7 @@ def load_program(path: Path) -> HubProgram:
     main = read_program(path)
     modules: dict[str, HubModule] = {}
     sources = [main]
-    # Modules import modules; each is taken once, so that two that import each other are no trouble.
+    # Modules may import each other; each is taken once, so that a cycle ends.
     while sources:
         for name in _imported(sources.pop()):
             if name in modules:
@@ -85,7 +85,7 @@ def load_program(path: Path) -> HubProgram:
             if module is not None:
                 modules[name] = module
                 sources.append(module.source)
-    # A null byte is in no source, so that no two different programs have the same text.
+    # A source has no null byte, so two different programs never have the same joined text.
     texts = [main, *(f"{module.name}\0{module.source}" for module in modules.values())]
     digest = hashlib.sha256("\0".join(texts).encode()).digest()
     program_hash = int.from_bytes(digest[:4], "little")
@@ -125,21 +125,21 @@ def describe_traceback(
 ) -> str:
     """One line from the hub's output: the last exception, its line in ``source`` (file ``name``),
     and a remedy."""
-    # The last one: the program itself may have printed others before.
+    # The program may have printed tracebacks of its own before, so the last one counts.
     traceback = text[text.rfind("Traceback (") :]
     error = "an unknown error"
     for line in traceback.splitlines():
-        # A line that names an exception is neither indented, nor the heading, nor the firmware's
-        # closing message. The last one counts.
+        # The line that names the exception is neither indented, nor the heading, nor the firmware's
+        # closing message. The last such line counts.
         if re.match(r"[A-Za-z_]\w*(:|$)", line):
             error = line.strip()
-    # The innermost call comes last. One in a module beside the program is not in this source.
+    # The innermost call comes last. A call in a module beside the program is not in this source.
     numbers = re.findall(rf'File "{re.escape(name)}", line (\d+)', traceback)
     lines = source.splitlines()
     where = ""
     if numbers:
         number = int(numbers[-1])
-        # The text is whatever came from the hub, so that the number may be any.
+        # The text came from the hub, so the number may be anything.
         if 1 <= number <= len(lines):
             where = f" at line {numbers[-1]} ({lines[number - 1].strip()})"
     return f"the program on the hub raised {error}{where}; {_remedy(error)}"
@@ -156,7 +156,7 @@ _READ_S = 0.25
 """Longest wait for output; then the time limit is looked at."""
 _LONGEST_READ_BYTES = 1024
 _READ_BESIDE_INPUT_S = 0.02
-"""The same with input, which waits for its turn meanwhile."""
+"""Time of a read while there is input, which waits for its turn meanwhile."""
 _TRACEBACK_HEAD = "Traceback (most recent call last):"
 _LOCATION = "  File "
 _STOPPED = re.compile(r"The program was stopped \(\w+\)\.")
@@ -202,18 +202,18 @@ def run_program(
     try:
         while True:
             if deadline_s is not None and transport.now_s() >= deadline_s:
-                # The program is stopped once; reading goes on to the end of its output.
+                # The program is stopped only once, and reading goes on until the end of its output.
                 deadline_s = None
                 is_late = True
                 transport.stop()
             elif pending or not pieces.empty():
                 pending = pending or pieces.get()
-                # If the program is not reading at present, the same piece is tried again.
+                # If the program does not read at present, the same piece is tried again later.
                 with contextlib.suppress(HubBusyError):
                     transport.write(pending)
                     pending = b""
             transcript.feed(transport.read(read_s))
-    # The transport raises this after the last output, however the program ended.
+    # The transport raises this after the last output, however the program has ended.
     except ProgramStoppedError:
         if not is_late:
             return transcript.end()
@@ -227,8 +227,8 @@ def _pieces_of(stream: BinaryIO | TextIO | None) -> queue.SimpleQueue[bytes]:
     pieces = queue.SimpleQueue[bytes]()
     if stream is None:
         return pieces
-    # What is there at once: a whole read would wait for the end of what somebody types. A stream
-    # of text has no read1, and gives lines.
+    # `read1` returns what is there, but a whole read would wait until somebody has finished typing.
+    # A text stream has no `read1`, and gives lines.
     read = getattr(stream, "read1", stream.readline)
 
     def put_all() -> None:
@@ -238,7 +238,7 @@ def _pieces_of(stream: BinaryIO | TextIO | None) -> queue.SimpleQueue[bytes]:
                 for start in range(0, len(data), WRITE_BYTES):
                     pieces.put(data[start : start + WRITE_BYTES])
 
-    # A daemon, as nothing can wake a thread that waits for a keyboard.
+    # Nothing can wake a thread that waits for a keyboard, so it is a daemon.
     threading.Thread(
         target=put_all,
         name="standard input",
@@ -274,7 +274,7 @@ class Transcript:
         # A CR at the end may be the first half of a line end.
         partial = self._line.removesuffix(b"\r")
         may_be_closing = any(line.startswith(partial) for line in _CLOSING_LINES)
-        # The beginning of a line is printed at once, since it may be a prompt for input.
+        # The beginning of a line may be a prompt for input, so it is printed at once.
         if not self._pending and not may_be_closing:
             self._print(partial)
             self._line = self._line[len(partial) :]
@@ -285,7 +285,7 @@ class Transcript:
         if self._line:
             self._print_pending()
             self._print(self._line)
-        # Nothing came after these lines, so that they are the firmware's, not the program's.
+        # Nothing came after these lines, so they are the firmware's and not the program's.
         for line in self._pending:
             if is_stopped_by_us and _STOPPED.fullmatch(line):
                 continue
@@ -307,7 +307,7 @@ class Transcript:
             return False
         if len(self._pending) == 1:
             return text.startswith(_LOCATION)
-        # After a location comes another one, or the error, which is any text.
+        # A location is followed by another one, or by the error, which may be any text.
         return self._pending[-1].startswith(_LOCATION)
 
     def _print_pending(self) -> None:

@@ -60,7 +60,7 @@ def parse(
         ValueError: it contains null bytes.
     """
     with deep_recursion():
-        # As it is first: rewriting is for the few programs that need it.
+        # The text is tried as it is first, because few programs need rewriting.
         try:
             return ast.parse(source, filename, mode)
         except SyntaxError as error:
@@ -68,20 +68,20 @@ def parse(
                 rewritten = _with_parentheses(_HUB_ONLY.sub(_as_cpython, source))
                 return ast.parse(rewritten, filename, mode)
             except (SyntaxError, tokenize.TokenError):
-                # The error of the text that its author knows.
+                # The author knows the original text, so its error is the one to raise.
                 raise error from None
 
 
 def _as_cpython(match: re.Match[str]) -> str:
     """Matched syntax as CPython accepts it."""
-    # Within three quotes CPython takes a single one in the braces, before 3.12 too.
+    # Within three quotes CPython accepts a single quote in the braces, before 3.12 too.
     if match["f"]:
         quotes = 3 * match["quote"]
         return match["f"] + quotes + match["body"] + quotes
     if match["text"]:
         return match["text"]
-    # An import without its last comma, an indent of spaces alone, or a number without its first
-    # zeros, of which nothing is left.
+    # What is kept is an import without its last comma, an indent of spaces only, or, of a number
+    # without its first zeros, nothing.
     kept = match["imports"] or match["indent"] or ""
     return kept.expandtabs(_TAB)
 
@@ -91,8 +91,8 @@ def _with_parentheses(source: str) -> str:
     arguments."""
     line_starts = [0, *itertools.accumulate(map(len, io.StringIO(source)))]
     insertions: list[tuple[int, str]] = []
-    # For each bracket that is open: the tokens of each of its parts, which commas separate. Tokens
-    # within a bracket inside of a part belong to that bracket alone.
+    # Commas separate the parts of a bracket, whose tokens are kept for each open bracket. Those of
+    # an inner bracket are not kept again for the outer one.
     brackets: list[list[list[tokenize.TokenInfo]]] = []
     for token in tokenize.generate_tokens(io.StringIO(source).readline):
         is_operator = token.type == tokenize.OP
@@ -105,8 +105,8 @@ def _with_parentheses(source: str) -> str:
             brackets[-1][-1].append(token)
         if is_operator and token.string in "([{":
             brackets.append([[]])
-        # A single generator expression needs no parentheses in CPython either; in square brackets
-        # and braces, ``for`` makes a comprehension.
+        # A single generator expression needs no parentheses in CPython either, and in square
+        # brackets or braces `for` makes a comprehension.
         is_call_with_several = token.string == ")" and len(arguments) > 1
         if not is_call_with_several:
             continue
@@ -116,7 +116,7 @@ def _with_parentheses(source: str) -> str:
                 last_line, last_column = argument[-1].end
                 insertions.append((line_starts[first_line - 1] + first_column, "("))
                 insertions.append((line_starts[last_line - 1] + last_column, ")"))
-    # From the end, so that the offsets before stay right.
+    # Parentheses are inserted from the end, so that the offsets before them stay right.
     for offset, bracket in sorted(insertions, reverse=True):
         source = source[:offset] + bracket + source[offset:]
     return source

@@ -17,7 +17,7 @@ _REAL = ("ble", "usb")
 _CHOICES = (
     "'virtual', 'ble' or 'usb'; 'ble:NAME', 'ble:ADDRESS' or 'usb:PORT' where there are several"
 )
-# Bluetooth device address, or the identifier that macOS uses instead.
+# macOS hides Bluetooth addresses and gives an identifier of its own instead.
 _BLE_ADDRESS = re.compile(
     r"([0-9A-F]{2}:){5}[0-9A-F]{2}|[0-9A-F]{8}(-[0-9A-F]{4}){3}-[0-9A-F]{12}", re.IGNORECASE
 )
@@ -47,12 +47,13 @@ class HubAddress:
             from brickhub.hub.transports.usb import UsbTransport
 
             return UsbTransport(self.which)
-        # The transport to a virtual hub is made with the robot, whose body it moves.
+        # A virtual hub moves the body of a robot, so its transport is made together with the robot.
         if self.is_virtual:
             raise UnknownNameError(
                 "a virtual hub has no transport of its own; choose 'ble' or 'usb'"
             )
-        # Here, as commands that only name a hub shall not wait for asyncio and what is below.
+        # This import is here because commands that only name a hub should not wait for asyncio and
+        # what is below it.
         from brickhub.hub.transports.ble import BleTransport
 
         if self.which is not None and _BLE_ADDRESS.fullmatch(self.which):

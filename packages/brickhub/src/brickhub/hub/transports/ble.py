@@ -46,7 +46,8 @@ _RFKILL_FOLDER = Path("/sys/class/rfkill")
 _SYSTEM_BUS = Path("/run/dbus/system_bus_socket")
 _SERVICES = "`sudo systemctl start dbus bluetooth`"
 
-# Names in bleak's BleakBluetoothNotAvailableReason.
+# The keys are the names in bleak's BleakBluetoothNotAvailableReason, so that bleak need not be
+# imported for them.
 _REASONS = {
     "NO_BLUETOOTH": errors.Reason.NO_ADAPTER,
     "NO_BLE_CENTRAL_ROLE": errors.Reason.NO_ADAPTER,
@@ -78,12 +79,13 @@ def bluetooth_problem() -> tuple[errors.Reason, str] | None:
     for switch in _RFKILL_FOLDER.glob("rfkill*"):
         if _text(switch / "type") != "bluetooth":
             continue
-        # Either by a program, or by a key or a switch of the computer.
+        # A program may block the radio (soft), and so may a key or switch of the computer (hard).
         is_blocked = "1" in (_text(switch / "soft"), _text(switch / "hard"))
         if is_blocked:
             remedy = "run `rfkill unblock bluetooth`, or use the switch of this computer"
             return errors.Reason.SWITCHED_OFF, f"Bluetooth is switched off; {remedy}"
-    # Bleak talks to Bluetooth's service over the system bus; in a container, for one, neither runs.
+    # Bleak reaches the Bluetooth service over the system bus. In a container, for example, neither
+    # runs.
     if not _SYSTEM_BUS.exists() and "DBUS_SYSTEM_BUS_ADDRESS" not in os.environ:
         return (
             errors.Reason.NO_SERVICE,
@@ -106,7 +108,7 @@ def bleak_errors(operation: str, default_error: type[errors.HubError]) -> Iterat
 
     ``default_error`` is the type for errors that bleak does not specify further.
     """
-    # Here, as bleak takes a while to load, and the command line shall start at once.
+    # Bleak takes a while to load, and the command line should start at once.
     from bleak.exc import (
         BleakBluetoothNotAvailableError,
         BleakDeviceNotFoundError,
@@ -116,7 +118,7 @@ def bleak_errors(operation: str, default_error: type[errors.HubError]) -> Iterat
 
     try:
         yield
-    # Before TimeoutError: a HubTimeoutError is both.
+    # This comes before TimeoutError, because a HubTimeoutError is both.
     except errors.HubError:
         raise
     except BleakGATTProtocolError as error:
@@ -129,7 +131,7 @@ def bleak_errors(operation: str, default_error: type[errors.HubError]) -> Iterat
         ) from error
     except TimeoutError as error:
         raise errors.HubTimeoutError(f"could not {operation} in time; {_HUB_REMEDY}") from error
-    # Backends let errors of the system through, such as EOFError of a D-Bus that has ended.
+    # Backends let the system's errors through, such as EOFError when D-Bus has ended.
     except (BleakError, OSError, EOFError) as error:
         if default_error is errors.BluetoothUnavailableError:
             raise no_bluetooth(operation, error) from error
@@ -144,7 +146,7 @@ def no_bluetooth(operation: str, error: BaseException) -> errors.BluetoothUnavai
     if problem is not None:
         reason, why = problem
     else:
-        # Some errors of bleak have a reason, of an enumeration of its own.
+        # Some errors of bleak have a reason, from an enumeration of bleak's own.
         bleak_reason = getattr(error, "reason", None)
         name = getattr(bleak_reason, "name", "")
         reason = _REASONS.get(name, errors.Reason.UNKNOWN)
@@ -229,7 +231,8 @@ async def find(
     for device in await _still_connected(backend):
         found[device.address] = (device, FoundHub(device.name or "", device.address, 0))
     connected = _matches(found, name, address)
-    # The service keeps the link after its programs have ended, and has to give it up first.
+    # The service keeps the link even after its programs have ended, so it has to give up the link
+    # first.
     if connected and service_is_running():
         what = f"{_listed(connected)} is connected to Pybricks' own background service"
         raise errors.HubTakenError(f"the hub {what}; {_RELEASE}")
@@ -240,7 +243,7 @@ async def find(
             timeout_s,
             backend,
         )
-    # In a classroom the first hub that is heard may be another one's. An address is unique.
+    # In a classroom, the first hub that is heard may be somebody else's. Only an address is unique.
     if address is None and len(_matches(found, name, None)) == 1:
         await _listen(
             found,
@@ -298,7 +301,7 @@ async def _still_connected(backend: BleBackend | None) -> list[BLEDevice]:
     try:
         adapter = await BleakAdapter.get(backend=backend.adapter if backend else None)
         return await adapter.get_connected_devices([SERVICE_UUID])
-    # Not every backend can tell; then a hub is found only while it advertises.
+    # Not every backend can tell this, and then a hub is found only while it advertises.
     except (BleakError, OSError, EOFError, NotImplementedError) as error:
         _log.debug("cannot ask for hubs that are still connected: %s", error)
         return []
@@ -319,11 +322,12 @@ def _matches(
 
 
 def _found_hub(device: BLEDevice, advertisement: AdvertisementData) -> FoundHub:
-    # The system may remember a name from before the hub was renamed.
+    # The system may remember a name from before the hub was renamed, so the advertised one goes
+    # first.
     name = advertisement.local_name or device.name or ""
     service_data = advertisement.service_data or {}
     kind = None
-    # It may not say, or be another device with Pybricks' service.
+    # A device may say nothing, or be another one that offers Pybricks' service.
     with contextlib.suppress(errors.HubProtocolError):
         kind = parse_hub_kind(service_data.get(PNP_ID_UUID, b""), name)
     return FoundHub(
@@ -361,7 +365,7 @@ class BleTransport(ProfileTransport):
         self._backend = backend
 
     async def _find(self, timeout_s: float) -> Port:
-        # After a loss the same hub, though another one may have its name.
+        # After a loss, only the same hub will do, although another one may have its name.
         if self._first_hub is None:
             device = await find(
                 self._name,
@@ -429,7 +433,8 @@ class BlePort:
         command: bytes,
         operation: str,
     ) -> None:
-        # With response: since firmware 3.2 a hub drops a write without one, and says nothing.
+        # Writes ask for a response: since firmware 3.2 a hub may drop one without a response, and
+        # say nothing.
         with bleak_errors(operation, errors.HubDisconnectedError):
             await self._client.write_gatt_char(profile.COMMAND_EVENT_UUID, command, response=True)
 
@@ -442,7 +447,8 @@ class BlePort:
 
 def socket_path() -> Path:
     """The socket of Pybricks' background service (``pb_core/paths.py`` of pybricks-core 1.0)."""
-    # In the service's order: what the user sets, the session's folder of a Linux, any other one.
+    # The search has the service's own order, so that it ends at the same socket: the folder that
+    # the user sets, the session's folder on Linux, then any other one.
     given_folder = os.environ.get("PB_RUNTIME_DIR")
     session_folder = os.environ.get("XDG_RUNTIME_DIR") if sys.platform == "linux" else None
     if given_folder:
@@ -462,7 +468,8 @@ def service_is_running() -> bool:
         return False
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as probe:
         probe.settimeout(_SERVICE_PATIENCE_S)
-        # By a connection: the file of the socket stays there when a service is killed.
+        # Only a connection tells that the service runs, because the socket's file stays when a
+        # service is killed.
         try:
             probe.connect(str(socket_path()))
         except OSError:

@@ -83,11 +83,11 @@ class Output:
             raise self._end(self._reason)
 
     def read(self, timeout_s: float) -> bytes:
-        """All unread output, as soon as there is some; ``b""`` if none came in time. Raises
-        HubError if the program or the link has ended, and all was read."""
+        """Read all output that was not read yet, as soon as there is some; ``b""`` if none came in
+        time. Raises HubError if the program or the link has ended, and all was read."""
         with self._changed:
             self._changed.wait_for(lambda: self._data or self._end is not None, timeout_s)
-            # What came before the end is read first: a traceback says why it ended.
+            # Data from before the end is read first, because a traceback says why it ended.
             if not self._data:
                 self.check()
             data = bytes(self._data)
@@ -181,8 +181,8 @@ class HubConnection:
         self._connect_timeout_s = connect_timeout_s
         self._loss: str | None = "not connected yet"
         self._reports = 0
-        # Whether the end of a program is news. After a stop it is none, and of a program that was
-        # there before nobody waits for it.
+        # The end of a program is news only if it was expected to run: not after a stop, and not if
+        # it was there before.
         self._is_running_expected = False
         self._end_timer: asyncio.TimerHandle | None = None
         self._changed = asyncio.Event()
@@ -201,7 +201,7 @@ class HubConnection:
     async def connect(self) -> None:
         """Connect, identify the hub, and subscribe to its reports. Raises a subclass of HubError
         with the reason."""
-        # From here on a loss may be noticed.
+        # A loss may be noticed from here on.
         self._loss = None
         try:
             async with asyncio.timeout(self._connect_timeout_s):
@@ -217,7 +217,7 @@ class HubConnection:
                 self._check_connected()
         except TimeoutError as error:
             await self.disconnect()
-            # A HubTimeoutError is a TimeoutError too, and has its reason already.
+            # A HubTimeoutError is also a TimeoutError, but has its reason already.
             if isinstance(error, HubError):
                 raise
             raise HubTimeoutError(
@@ -233,7 +233,7 @@ class HubConnection:
         try:
             async with asyncio.timeout(self._answer_timeout_s):
                 await self._port.close()
-        # - a backend may raise anything; the hub notices by itself
+        # A backend may raise anything here, but the hub notices the end by itself.
         except Exception as error:  # noqa: BLE001
             _log.debug("disconnecting from the hub: %s", error)
 
@@ -301,13 +301,14 @@ class HubConnection:
             "write the command that starts the program",
         )
         self._is_running_expected = True
-        # The first report from now on may still be from before the start; the second one is not.
+        # The first report from now on may still be from before the start, but the second one is
+        # not.
         reports = self._reports
         await self._wait_for(
             lambda: self.is_running or self._reports >= reports + 2, self._answer_timeout_s
         )
         self._check_connected()
-        # A short program has ended between two reports.
+        # A short program may have ended between two reports.
         if not self.is_running:
             self._end_program()
 
@@ -322,7 +323,8 @@ class HubConnection:
         await self.command(
             bytes((PybricksCommand.STOP_USER_PROGRAM,)), "write the command that stops the program"
         )
-        # The acknowledgement says that the command has arrived, a report that the motors stand.
+        # The acknowledgement only says that the command has arrived; that the motors stand, a
+        # report says.
         has_ended = await self._wait_for(lambda: not self.is_running, self._answer_timeout_s)
         if not has_ended:
             raise HubTimeoutError("the program on the hub does not stop; press the hub's button")
@@ -340,7 +342,7 @@ class HubConnection:
 
     async def _identify(self) -> HubIdentity:
         version = profile.parse_version(await self._port.read(profile.PROFILE_VERSION_UUID))
-        # Newer versions only add to the profile, by its promise.
+        # Newer versions only add to the profile, as it promises.
         if version > profile.NEWEST_PROFILE:
             newest = ".".join(map(str, profile.NEWEST_PROFILE))
             _log.warning(
@@ -371,7 +373,8 @@ class HubConnection:
         data: bytes,
         operation: str,
     ) -> None:
-        # With a timeout, as a hub may lose the acknowledgement of a write when a report crosses it.
+        # There is a timeout, because a hub may lose the acknowledgement of a write when a report
+        # crosses it.
         try:
             async with asyncio.timeout(self._answer_timeout_s) as timeout, self._write_lock:
                 self._check_connected()
@@ -384,7 +387,7 @@ class HubConnection:
             self._lose("it takes no commands")
             raise
         except TimeoutError:
-            # A loss ends a pending write by its timeout, and is the better reason.
+            # A loss ends a pending write by its timeout, but is the better reason.
             self._check_connected()
             self._lose("it did not acknowledge a command")
             raise HubTimeoutError(
@@ -401,7 +404,7 @@ class HubConnection:
         try:
             async with asyncio.timeout(timeout_s):
                 while not condition() and self.is_connected:
-                    # Nothing can change in between: events are handled in this same thread.
+                    # Nothing can change in between, because events are handled in this same thread.
                     self._changed.clear()
                     await self._changed.wait()
         except TimeoutError:
@@ -426,7 +429,7 @@ class HubConnection:
         self._changed.set()
 
     def _on_status(self, report: StatusReport) -> None:
-        # A report comes every 500 ms, so that only what is new in it is said.
+        # A report comes every 500 ms, so only what is new in it is passed on.
         before = self.status.flags if self._reports else Status(0)
         self._reports += 1
         self.status = report
@@ -436,7 +439,7 @@ class HubConnection:
             _log.warning("the hub's battery is low; charge it soon")
         if set_flags & (Status.BATTERY_HOT | Status.BATTERY_TOO_HOT):
             _log.warning("the hub's battery is hot; let it rest")
-        # The hub says so itself, before the link breaks.
+        # The hub itself announces its shutdown, before the link breaks.
         if set_flags & (Status.SHUTDOWN | Status.SHUTDOWN_REQUESTED):
             self._lose("the hub is switching off")
         elif cleared_flags & Status.USER_PROGRAM_RUNNING and self._is_running_expected:
@@ -451,7 +454,7 @@ class HubConnection:
         self.output.end(ProgramStoppedError, "the program on the hub has ended; start it again")
 
     def _lose(self, reason: str) -> None:
-        # The first reason is the cause, later ones its consequences.
+        # The first reason is the cause, and later ones are its consequences.
         if self._loss is not None:
             return
         self._loss = reason
@@ -460,7 +463,7 @@ class HubConnection:
         self.output.end(
             HubDisconnectedError, f"the link to the hub is lost ({reason}); open it again"
         )
-        # Wakes up a pending write, for which no backend promises an error.
+        # This wakes up a pending write, for which no backend promises an error.
         if self._write_timeout is not None and not self._write_timeout.expired():
             self._write_timeout.reschedule(0)
         self._changed.set()

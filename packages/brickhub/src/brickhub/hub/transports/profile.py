@@ -154,7 +154,7 @@ def parse_event(data: bytes) -> StatusReport | bytes | None:
             f"a status report of the hub has {len(payload)} bytes; update its firmware on "
             "code.pybricks.com"
         )
-    # Older versions of the profile end before the program's id and the slot.
+    # Older versions of the profile end before the program's id and the slot, so zeros are added.
     flags, slot = _STATUS_REPORT.unpack_from(payload + bytes(2))
     return StatusReport(Status(flags), slot)
 
@@ -191,7 +191,7 @@ def parse_version(data: bytes) -> tuple[int, int]:
 def parse_hub_kind(pnp_id: bytes, name: str = "") -> HubKind:
     """Kind of hub from its plug-and-play id, or its name. Raises HubProtocolError if neither is
     that of a known hub."""
-    # A PeakHub is not of LEGO, and known by its name alone.
+    # A PeakHub is not made by LEGO, and is known only by its name.
     if name.startswith(_PEAK_PREFIX):
         return HubKind.PRIME
     try:
@@ -211,7 +211,7 @@ def parse_hub_kind(pnp_id: bytes, name: str = "") -> HubKind:
 def download(blob: bytes, max_write_bytes: int) -> Iterator[bytes]:
     """Commands that download a program to the hub, in order; the program is invalid until the last
     one."""
-    # Without a size the hub starts nothing: an interrupted download must not run.
+    # Without a size the hub starts nothing, because an interrupted download must not run.
     yield _DATA_HEAD.pack(PybricksCommand.WRITE_USER_PROGRAM_META, 0)
     piece_bytes = max_write_bytes - _DATA_HEAD.size
     for offset in range(0, len(blob), piece_bytes):

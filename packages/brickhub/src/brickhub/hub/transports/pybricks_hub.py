@@ -37,7 +37,7 @@ class EventLoopThread:
     """Thread that runs coroutines for other threads, with a timeout on every call."""
 
     def __init__(self, name: str) -> None:
-        # A daemon, so that a backend which hangs does not keep a program from ending.
+        # The thread is a daemon, so that a backend that hangs does not keep a program from ending.
         made: concurrent.futures.Future[asyncio.AbstractEventLoop] = concurrent.futures.Future()
         self._thread = threading.Thread(
             target=self._serve,
@@ -63,7 +63,7 @@ class EventLoopThread:
         try:
             future = asyncio.run_coroutine_threadsafe(coroutine, self._loop)
         except RuntimeError:
-            # Python would warn of a coroutine that was never awaited.
+            # Python would warn about a coroutine that was never awaited.
             coroutine.close()
             raise errors.HubError(
                 f"could not {operation}: the link is closed; open it again"
@@ -79,7 +79,8 @@ class EventLoopThread:
                 f"could not {operation}: the link was closed meanwhile; open it again"
             ) from None
         finally:
-            # Also when Ctrl-C interrupts the wait; without effect on one that is done.
+            # The call is cancelled even if Ctrl-C interrupts the wait; on one that is done this has
+            # no effect.
             future.cancel()
 
     def close(self) -> None:
@@ -90,7 +91,8 @@ class EventLoopThread:
         self._thread.join(2 * _THREAD_END_S)
 
     def _serve(self, made: concurrent.futures.Future[asyncio.AbstractEventLoop]) -> None:
-        # Here, as on Windows a loop that is made in the main thread takes the signals of a command.
+        # The loop is made in this thread, because on Windows one made in the main thread would take
+        # the signals of a command.
         settle(made, asyncio.new_event_loop)
         if made.exception() is not None:
             return
@@ -98,7 +100,7 @@ class EventLoopThread:
         asyncio.set_event_loop(loop)
         try:
             loop.run_forever()
-            # Stopped: what still runs is cancelled, and gets its time to disconnect.
+            # The loop was stopped: what still runs is cancelled and gets its time to disconnect.
             tasks = asyncio.all_tasks(loop)
             for task in tasks:
                 task.cancel()
@@ -177,7 +179,7 @@ class ProfileTransport(ABC):
         """
         if self._loop is None:
             self._loop = EventLoopThread("bricksrl-hub")
-            # A program that ends without closing shall not leave motors running.
+            # A program that ends without closing must not leave motors running.
             atexit.register(self.close)
         self._run(self._connected(), self._timeout_s, "connect to the hub")
 
@@ -189,7 +191,7 @@ class ProfileTransport(ABC):
             ProgramError: the program is invalid or too large for the hub.
             HubError: the hub cannot be reached, or refuses the program.
         """
-        # First: what cannot be compiled needs no hub.
+        # The program is compiled first, because one that cannot be compiled needs no hub.
         modules = compile_program(program)
         if self._loop is None:
             self.open()
@@ -247,7 +249,7 @@ class ProfileTransport(ABC):
     def close(self) -> None:
         """Stop the program and disconnect. May be called in any state and repeatedly; failures are
         logged."""
-        # Taken out first, so that a second call finds nothing to do.
+        # The loop is taken out first, so that a second call finds nothing to do.
         loop = self._loop
         self._loop = None
         connection = self._connection
@@ -268,10 +270,10 @@ class ProfileTransport(ABC):
             loop.close()
 
     def now_s(self) -> float:
-        # The monotonic clock of Windows has ticks of 16 ms.
+        # On Windows the monotonic clock has ticks of 16 ms, which is too coarse.
         return time.perf_counter()
 
-    # ---- in the thread of the event loop
+    # The methods from here on run in the thread of the event loop.
 
     async def _connected(self) -> HubConnection:
         """The open connection; connects if there is none."""
@@ -287,7 +289,7 @@ class ProfileTransport(ABC):
         while True:
             try:
                 self._connection = await self._connect(deadline_s - loop.time())
-            # Trying again does not help here: a person has to do something.
+            # Trying again does not help here, because a person has to do something.
             except (
                 errors.AmbiguousHubError,
                 errors.HubTakenError,
@@ -335,13 +337,13 @@ class ProfileTransport(ABC):
         if kind.model.stdin_bytes == 0 and program.says_hello:
             raise errors.HubProtocolError("a Move Hub cannot run our programs; use another hub")
         blob = program_blob(modules, kind)
-        # A running program refuses both a download and a start.
+        # A running program makes the hub refuse both a download and a start.
         if connection.is_running:
             await connection.stop_program()
         is_stored = program.says_hello and self._stored_programs().get(location) == program.hash
         if is_stored and await _start_stored_program(connection, program):
             return
-        # A download may be interrupted, and then no known program is on the hub.
+        # A download may be interrupted, which leaves no known program on the hub.
         self._note_program(location, None)
         await connection.download(blob)
         self._note_program(location, program.hash if program.says_hello else None)
@@ -357,7 +359,7 @@ class ProfileTransport(ABC):
     def _stored_programs(self) -> dict[str, object]:
         """Hashes of the programs that this computer downloaded last, by address and slot of the
         hub."""
-        # A record that cannot be read costs a download, no more.
+        # A record that cannot be read costs no more than a download.
         try:
             hashes = json.loads(self._record.read_text(encoding="utf-8"))
         except (OSError, ValueError, RecursionError):
@@ -375,7 +377,7 @@ class ProfileTransport(ABC):
         except OSError as error:
             _log.debug("cannot note which program is on the hub: %s", error)
 
-    # ---- in the caller's thread
+    # The methods from here on run in the thread of the caller.
 
     def _run(
         self,
@@ -406,7 +408,8 @@ async def _start_stored_program(connection: HubConnection, program: HubProgram) 
         if not connection.is_connected:
             raise
         _log.info("the program on the hub cannot be started: %s", error)
-    # Another computer has downloaded another program meanwhile, which might move the robot.
+    # Another computer has downloaded a different program in the meantime, which might move the
+    # robot.
     if connection.is_running:
         await connection.stop_program()
     return False

@@ -16,6 +16,7 @@ for none), ``2 event`` an event, ``3 service u16 value`` a characteristic. Sourc
 import asyncio
 import contextlib
 import errno
+import os
 import struct
 import threading
 from collections.abc import Callable, Iterator
@@ -43,8 +44,8 @@ _FULL = 0xFF
 
 def encode_cobs(message: bytes) -> bytes:
     """Encode a message into a frame, including its end."""
-    # The code of a block stands before it, and is known at its end; until then it is that of a full
-    # block.
+    # The code of a block stands before it but is known only at its end; until then it is that of a
+    # full block.
     out = bytearray((_FULL,))
     code_at = 0
     for byte in message:
@@ -78,7 +79,7 @@ def decode_cobs(frame: bytes) -> bytes:
             raise errors.HubProtocolError("a frame over USB is cut short; plug the hub in again")
         out += block
         position += size
-        # What ended the last block is the end of the message, no byte of it.
+        # What ended the last block is the end of the message and no byte of it.
         if delimiter is not None and position < len(data):
             out.append(delimiter)
     return bytes(out)
@@ -119,10 +120,10 @@ class Framer:
             except errors.HubProtocolError:
                 self.damaged += 1
                 continue
-            # Between two ends in a row there is no message.
+            # Two ends in a row have no message between them.
             if message:
                 messages.append(message)
-        # One byte more than allowed is kept, which tells that the frame is too long.
+        # One byte more than allowed is kept, by which a frame that is too long is recognised.
         self._buffer = rest[: self._longest_bytes + 1]
         return messages
 
@@ -137,15 +138,14 @@ _LAST_READ_S = 1.0
 _PLUGGED_IN_S = 6.0
 """Time limit to find and connect a hub for the first time; one that does not answer says so within
 it."""
-# First byte of a message to the hub.
+# A message to the hub begins with one of these.
 _SUBSCRIBE = 1
 _COMMAND = 2
 _READ = 3
-# First byte of a message from the hub.
+# A message from the hub begins with one of these.
 _RESPONSE = 1
 _EVENT = 2
 _VALUE = 3
-# Service of a characteristic: that of the Bluetooth standard, or that of Pybricks.
 _STANDARD = 1
 _PYBRICKS = 2
 _RESPONSE_BODY = struct.Struct("<BI")
@@ -231,17 +231,17 @@ class UsbTransport(ProfileTransport):
         return min(search_s, _PLUGGED_IN_S)
 
     async def _find(self, timeout_s: float) -> Port:
-        # In a thread, as the listing blocks.
+        # Listing ports blocks, so it runs in a thread.
         hubs = await asyncio.to_thread(self._find_hubs)
         port = self._serial_port
         first = self._first_hub
-        # After it was plugged in again, the same hub may be at another port.
+        # A hub that was plugged in again may be at another port.
         if first is not None:
             hubs = [hub for hub in hubs if hub.address == first.address]
         elif port is not None:
-            # Windows takes its ports in small letters too.
+            # Windows accepts its port names in lower case too.
             hubs = [hub for hub in hubs if hub.device.casefold() == port.casefold()]
-        # A port that was named is tried even if nothing there is known as a hub.
+        # A port that was named is tried even if no known hub is there.
         is_first_hub_there = first is None or first.address == port
         if not hubs and port is not None and is_first_hub_there:
             hubs = [UsbHub(port, port)]
@@ -302,7 +302,7 @@ class UsbPort:
             daemon=True,
         )
         self._reader.start()
-        # Ends a partial frame that another program left.
+        # This ends a partial frame that another program may have left.
         await self._send(b"")
         name = await self.read(profile.DEVICE_NAME_UUID)
         self.name = name.decode("utf-8", "replace") or self._hub.device
@@ -313,7 +313,7 @@ class UsbPort:
         self._values[selector] = future
         await self._send(bytes((_READ,)) + _SELECTOR.pack(*selector))
         value = await future
-        # The first betas do not report it; USB itself has a product id too.
+        # The first betas do not report this, but USB itself has a product id too.
         if not value and characteristic == profile.PNP_ID_UUID:
             product = _PRODUCTS.get(self._hub.product, 0)
             return struct.pack(
@@ -333,7 +333,8 @@ class UsbPort:
         command: bytes,
         operation: str,
     ) -> None:
-        # The hub's answer repeats the tag, by which one that came too late is known.
+        # The hub repeats the tag in its answer, by which an answer that came too late is
+        # recognised.
         self._tag = (self._tag + 1) % 256
         self._response = self._loop.create_future()
         await self._send(bytes((_COMMAND, self._tag)) + command)
@@ -347,11 +348,11 @@ class UsbPort:
         if serial is None:
             return
         self._is_closing.set()
-        # Unsubscribe: the hub shall not write what nobody reads.
+        # The hub should not write what nobody reads.
         try:
             serial.write(encode_cobs(bytes((_SUBSCRIBE, 0))))
         finally:
-            # A port of Windows must not be closed while it is read.
+            # On Windows a port must not be closed while it is being read.
             self._reader.join(_LAST_READ_S)
             serial.close()
 
@@ -395,7 +396,7 @@ class UsbPort:
         elif kind == _RESPONSE and len(body) >= _RESPONSE_BODY.size:
             tag, code = _RESPONSE_BODY.unpack_from(body)
             response = self._response
-            # One that is done was cancelled at its timeout, or answered before.
+            # A request that is done was cancelled at its timeout, or has been answered already.
             if response is None or response.done():
                 return
             if tag == self._tag:
@@ -424,9 +425,10 @@ def _serial_errors(operation: str) -> Iterator[None]:
     """Translate pyserial's errors into ours."""
     try:
         yield
-    # serial.SerialException is one.
+    # OSError covers serial.SerialException, which is one.
     except OSError as error:
-        why = errors.message_of(error)
+        # Of an error of the system pyserial's text has its number twice, and Python's own words.
+        why = errors.message_of(error) if error.errno is None else os.strerror(error.errno)
         if error.errno in (errno.EACCES, errno.EPERM):
             remedy = "allow it: on Linux, join the group dialout and log in again"
             raise errors.UsbUnavailableError(

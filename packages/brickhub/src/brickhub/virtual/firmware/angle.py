@@ -17,8 +17,8 @@ _SINGLE = struct.Struct("<f")
 
 def single(value: float) -> float:
     """The nearest 32-bit float."""
-    # A hub computes in 32 bits, Python in 64: only through the bytes does the rounding come out
-    # the same.
+    # A hub computes in 32 bits and Python in 64. Only packing and unpacking gives the hub's
+    # rounding.
     packed = _SINGLE.pack(value)
     return float(_SINGLE.unpack(packed)[0])
 
@@ -69,8 +69,8 @@ def from_unit(value: int, steps_per_unit: int) -> Angle:
 def to_unit(angle: Angle, steps_per_unit: int) -> int:
     """The angle in the program's units: turns truncated, the rest rounded."""
     turns, mdeg = angle
-    # Half a unit away from zero before the division truncates: this rounds to the nearest
-    # (``pbio_angle_to_low_res``).
+    # Adding half a unit away from zero before the division truncates makes it round to the nearest
+    # (`pbio_angle_to_low_res`).
     half_unit = trunc(steps_per_unit / 2)
     if mdeg < 0:
         half_unit = -half_unit
@@ -82,7 +82,7 @@ def to_unit(angle: Angle, steps_per_unit: int) -> int:
 def to_unit_float(angle: Angle, steps_per_unit: int) -> float:
     """The angle in the program's units, in single precision."""
     turns, mdeg = angle
-    # Rounded to 32 bits after each operation, as the hub's processor does.
+    # Each operation is rounded to 32 bits, as by the hub's processor.
     units_per_turn = single(TURN_MDEG / steps_per_unit)
     units_of_turns = single(turns * units_per_turn)
     units_of_rest = single(mdeg / steps_per_unit)
@@ -90,8 +90,8 @@ def to_unit_float(angle: Angle, steps_per_unit: int) -> float:
 
 
 def _normalized(turns: int, mdeg: int) -> Angle:
-    # One turn at a time and with ">", as in ``pbio_angle_flush``: exactly one turn stays in the
-    # millidegrees, and the sign of the rest is kept. ``divmod`` would decide both otherwise.
+    # Turns are taken one at a time and with ">", as `pbio_angle_flush` does: exactly one turn stays
+    # in the millidegrees, and the sign of the rest is kept. `divmod` would decide both otherwise.
     while mdeg > TURN_MDEG:
         turns = turns + 1
         mdeg = mdeg - TURN_MDEG

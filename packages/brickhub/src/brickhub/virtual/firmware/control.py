@@ -19,9 +19,10 @@ from brickhub.virtual.firmware.trajectory import (
 
 LOOPS_PER_S = 200
 """Control steps a second (``PBIO_CONFIG_CONTROL_LOOP_TIME_MS`` is 5 on all hubs)."""
-# Ticks of 0.1 ms, as all times here: finer than a millisecond, for the speeds of short ramps.
+# This is in ticks of 0.1 ms, as all times here: milliseconds would be too coarse for the speeds of
+# short ramps.
 _FOREVER = FOREVER_MS * 10
-# Error to the target of a move that has none: larger than any range it is compared with.
+# A move without a target has this error to it, which is larger than any range it is compared with.
 _UNBOUNDED = 2**31 - 1
 
 
@@ -66,7 +67,7 @@ class PositionIntegrator:
         s = self._settings
         integral = self.integral
         change = trunc(error / LOOPS_PER_S)
-        # What makes the integral smaller is always welcome, even during a pause.
+        # A change that makes the integral smaller is always welcome, even during a pause.
         shrinks = abs(integral + change) < abs(integral)
         if not shrinks:
             if not self.running:
@@ -75,10 +76,12 @@ class PositionIntegrator:
             if not -rate <= error <= rate:
                 limited_error = rate if error > 0 else -rate
                 change = trunc(limited_error / LOOPS_PER_S)
-                # A smaller change may no longer cross zero and come out beyond, so ask again.
+                # The limited change may no longer cross zero and come out beyond, so this is asked
+                # again.
                 shrinks = abs(integral + change) < abs(integral)
-        # It grows near the target, but not too near. Twice the error of saturation: the firmware
-        # begins a bit before the proportional part comes off its limit.
+        # The integral grows near the target, but not too near. It begins at twice the error of
+        # saturation, because the firmware begins a bit before the proportional part comes off its
+        # limit.
         if shrinks or s.integral_deadzone <= abs(target_error) <= s.saturation_error * 2:
             integral = integral + change
             limit = s.max_integral
@@ -113,7 +116,7 @@ class PositionIntegrator:
 class SpeedIntegrator:
     """Integral of the speed error: a difference of positions."""
 
-    # Positions are exact, so the integral is no sum over steps: it is the difference since the
+    # Positions are exact, so this integral needs no sum over steps. It is the difference since the
     # last resume, plus what had come together before the last pause.
 
     def __init__(self, settings: ControlSettings) -> None:
@@ -165,7 +168,8 @@ def _stalls(
     speed: int,
     reference_speed: int,
 ) -> bool:
-    # Mirrored to a forward move: a motor that is pushed backward is slow, however fast it turns.
+    # A motor that is pushed backward counts as slow, however fast it turns, so the speeds are
+    # mirrored to a forward move.
     if reference_speed < 0:
         reference_speed = -reference_speed
         speed = -speed
@@ -241,7 +245,7 @@ class OnCompletion(enum.Enum):
 
 
 class ControlType(enum.Enum):
-    """What is controlled: the speed of a timed move, or the position."""
+    """Quantities that can be controlled: the speed of a timed move, or the position."""
 
     NONE = 0
     TIMED = 1
@@ -263,7 +267,7 @@ Action = tuple[int, int, int, OnCompletion | None, bool]
 
 ACTUATIONS = {OnCompletion.COAST: 0, OnCompletion.BRAKE: 1, None: 3}
 """Codes of a log, as in the firmware; 2 is a voltage, 3 a torque."""
-# Global names, as looking a member up in its class takes longer, and the loop does so all the time.
+# The loop reads these all the time, and a global name is found faster than a member of a class.
 _POSITION = ControlType.POSITION
 _TIMED = ControlType.TIMED
 
@@ -296,7 +300,8 @@ class Controller:
         self._position = PositionIntegrator(settings, 0)
         self._speed = SpeedIntegrator(settings)
         self.log = Logger()
-        # Of the last step, for its row in the log, which is written when the outcome is known.
+        # The terms of the last step are kept for its row in the log, which is written when the
+        # outcome is known.
         self._terms = (0,) * 7
 
     @property
@@ -338,8 +343,6 @@ class Controller:
             ref.acceleration,
         )
 
-    # ---- commands
-
     def start_position(
         self,
         time: int,
@@ -351,8 +354,8 @@ class Controller:
     ) -> None:
         """Run to a position; speed 0 is the default speed. Raises ValueError for a move that is too
         long."""
-        # An active controller branches off from its reference, not from the motor, which lags
-        # behind it: the speed does not drop between two commands.
+        # An active controller branches off from its reference and not from the motor, which lags
+        # behind it. So the speed does not drop between two commands.
         if self.is_active:
             start = self.reference(time, state)
         else:
@@ -371,9 +374,9 @@ class Controller:
         )
         new = trajectories.to_angle(command)
         if self.type is _POSITION and allow_shift and new.a0 == start.acceleration:
-            # Start where the current phase began, so that commands in a tight loop do not
-            # accumulate rounding errors. The firmware compares deg/s2 with mdeg/s2, so this applies
-            # only if neither accelerates.
+            # The new trajectory starts where the current phase began, so that commands in a tight
+            # loop do not accumulate rounding errors. The firmware compares deg/s2 with mdeg/s2, so
+            # this applies only if neither accelerates.
             vertex = self.trajectory.last_vertex(start.time)
             new = trajectories.to_angle(_from_vertex(command, vertex))
         self._follow(_POSITION, new, time, then)
@@ -392,7 +395,7 @@ class Controller:
         if self.is_active:
             origin = self.reference(time, state).position
         else:
-            # After a smart stop the last target counts, if the motor is still near it: a program
+            # After a smart stop the last target counts if the motor is still near it. So a program
             # of many relative moves does not add up the errors at their ends.
             origin = state.position
             end = self.trajectory.end.position
@@ -414,7 +417,7 @@ class Controller:
         position: int,
     ) -> None:
         """Hold a position, without a ramp to it."""
-        # The time as an active controller counts it, whose pauses the integrator keeps.
+        # The integrator keeps an active controller's pauses, so the time is counted as it counts.
         constant = Trajectory(self._trajectory_time(time), position)
         self._follow(
             _POSITION,
@@ -432,7 +435,7 @@ class Controller:
         then: OnCompletion,
     ) -> None:
         """Run at a speed (control units) for a duration in ticks."""
-        # A smart stop is about a target, which a timed move does not have.
+        # A smart stop needs a target, which a timed move does not have.
         if then.is_smart:
             then = then.passive
         start = TrajectoryReference(
@@ -450,7 +453,7 @@ class Controller:
             duration=duration,
         )
         new = trajectories.for_time(command)
-        # As in start_position: no rounding errors that add up in a tight loop.
+        # As in `start_position`, rounding errors must not add up in a tight loop.
         if self.type is _TIMED and new.a0 == start.acceleration:
             vertex = self.trajectory.last_vertex(time)
             new = trajectories.for_time(_from_vertex(command, vertex))
@@ -484,7 +487,7 @@ class Controller:
         stalled.
         """
         self.start_forever(time, state, speed)
-        # After the start, which sets all of these for an endless run.
+        # The start sets all of these for an endless run, so they are changed after it.
         self.on_completion = then
         self._acts_when_done = False
         self._until_stalled = True
@@ -510,8 +513,6 @@ class Controller:
             **goal,
         )
 
-    # ---- the loop
-
     def update(
         self,
         time: int,
@@ -527,12 +528,13 @@ class Controller:
             speed_estimate: the observer's.
             paused_by_other: whether the drive base pauses both its controllers.
         """
-        # In one piece, because most of a virtual robot's computing time is spent here.
+        # This is written in one piece, because most of a virtual robot's computing time is spent
+        # here.
         s = self.settings
         limit = self.torque_limit
         end_time, end_position, end_speed, _ = self.trajectory.end
-        # The errors: of a timed move that of the speed, which integrates into a position, so its
-        # proportional part works on that, and there is no second integral.
+        # A timed move controls the speed, whose error integrates into a position. Its proportional
+        # part works on that position, so there is no second integral.
         integrator: PositionIntegrator | SpeedIntegrator
         if self.type is _POSITION:
             integrator = self._position
@@ -549,7 +551,7 @@ class Controller:
             target_error = _UNBOUNDED
             integral = 0
             used_error = integrator.error(error)
-        # The torque: gains are in uNm per degree, errors in mdeg.
+        # Gains are in uNm per degree but errors in mdeg, so the products are divided by 1000.
         kp = s.kp if self._is_fast or error == 0 else self._soft_kp(error, target_error)
         proportional = trunc(kp * used_error / 1000)
         torque = proportional
@@ -560,8 +562,8 @@ class Controller:
             torque = limit
         elif torque < -limit:
             torque = -limit
-        # Anti-windup: at the limit the reference waits for the motor. The cheap comparison comes
-        # first, as it settles nearly all steps.
+        # This is the anti-windup: at the limit, the reference waits for the motor. The cheap
+        # comparison comes first, because it settles nearly all steps.
         at_limit = abs(proportional) >= limit and self._is_winding_up(
             proportional,
             speed,
@@ -571,10 +573,10 @@ class Controller:
         if integrator.running is (at_limit or paused_by_other):
             integrator.toggle(time, error)
         self._stalled = integrator.is_stalled(time, speed, reference_speed)
-        # What ``load()`` tells is smoothed over 20 steps.
+        # `load()` must not jump with each step, so the torque is smoothed over 20 of them.
         self.pid_average = trunc((self.pid_average * 95 + torque * 5) / 100)
         if self.log.is_active:
-            # Computed once more only here, so that a step without a log does not pay for it.
+            # These are computed a second time, so that a step without a log does not pay for them.
             integral_part = trunc(integral * s.ki / 1000)
             derivative = trunc(s.kd * (reference_speed - speed_estimate) / 1000)
             self._terms = (
@@ -590,7 +592,7 @@ class Controller:
         self.is_done = reference_time >= end_time and self._has_arrived(
             end_position - position, end_speed, speed
         )
-        # An endless run counts as done from its start; one until stalled, when it stalls.
+        # An endless run counts as done from its start, and a run until stalled when it stalls.
         if self.type is _TIMED and not self.is_done:
             if self._until_stalled:
                 self.is_done = self._stalled
@@ -600,11 +602,11 @@ class Controller:
             return action
         then = self.on_completion
         if then.is_active:
-            # A timed move that ends in HOLD becomes one of the position, in whole units.
+            # A timed move that ends in HOLD goes on as a move of position, in whole units.
             position_in_units = s.position_to_unit(position)
             self.start_hold(time, position_in_units * s.steps_per_unit)
             return action
-        # A smart stop holds a moment longer, so that the motor stands still, and the next command
+        # A smart stop holds a moment longer, so that the motor stands still and the next command
         # can go on from there.
         if then.is_smart and reference_time - end_time < s.smart_hold_time:
             return action
@@ -654,16 +656,17 @@ class Controller:
         then: OnCompletion,
     ) -> None:
         self.trajectory = trajectory
-        # ``wu`` is in ddeg/s, the limit in mdeg/s.
+        # The factor 100 is needed because `wu` is in ddeg/s and the limit in mdeg/s.
         self._is_fast = abs(trajectory.wu) * 100 >= self.settings.kp_low_speed
         self.on_completion = then
-        # Not a timed move that ends in HOLD: its end has a step of its own in update.
+        # A timed move that ends in HOLD is left out, because its end has a step of its own in
+        # `update`.
         goes_on = new is _POSITION or then is OnCompletion.CONTINUE
         self._acts_when_done = then.is_active and goes_on
         self.torque_limit = self.settings.max_torque
         self.is_done = False
         # Commands of one kind in a row share an integrator, so that its integral and a pause
-        # outlast them; another kind, and what follows a run until stalled, begins anew.
+        # outlast them. Another kind begins anew, and so does what follows a run until stalled.
         if self.type is new and not self._until_stalled:
             return
         self._stalled = False
@@ -685,14 +688,15 @@ class Controller:
         near = s.saturation_error
         if target_error < near:
             return s.kp
-        # By the error: the torque has the low slope up to kp_low_error, and the full one beyond.
+        # The gain by the error gives the torque the low slope up to kp_low_error, and the full one
+        # beyond.
         error = abs(error)
         low = s.kp * s.kp_low_pct // 100
         by_error = low
         if error > s.kp_low_error:
             by_error = s.kp - s.kp_low_error * (s.kp - low) // error
-        # By the way that is left: from low, when far away, to the full gain where the target is
-        # near. The larger of both counts.
+        # The gain by the remaining way rises from low, when far away, to full near the target. The
+        # larger of both gains counts.
         far = near * 100 // s.kp_low_pct
         if target_error > far:
             return max(by_error, low)
@@ -712,13 +716,13 @@ class Controller:
         """Whether the proportional part alone exceeds the torque limit, and the reference will not
         reduce it."""
         s = self.settings
-        # Way of two steps: with this margin the torque does not fall below the limit again in the
-        # very next one.
+        # The margin is the way of two steps. With it, the torque does not fall below the limit
+        # again in the very next step.
         margin = trunc(abs(speed) / LOOPS_PER_S) * 2
         max_windup_torque = self.torque_limit + trunc(s.kp * margin / 1000)
         if abs(proportional) < max_windup_torque:
             return False
-        # Where the reference already turns back, or brakes, going on is what frees the motor.
+        # If the reference already turns back or brakes, going on is what frees the motor.
         moving = 0 if abs(speed) < s.stall_speed else speed
         sign = _sign(proportional)
         speed_helps = sign == -_sign(reference_speed - moving)
@@ -734,7 +738,7 @@ class Controller:
         """Whether the end is reached, given that its time is over."""
         if self.type is _TIMED:
             return not self._until_stalled
-        # A move that goes on has arrived when it is past its target, however far.
+        # A move that goes on has arrived once it is past its target, however far.
         if end_speed != 0:
             return _sign(remaining) != _sign(end_speed)
         s = self.settings
@@ -742,7 +746,7 @@ class Controller:
 
 
 def _from_vertex(command: TrajectoryCommand, vertex: TrajectoryReference) -> TrajectoryCommand:
-    # An earlier start makes a timed move longer by as much, so that its end stays.
+    # A timed move that starts earlier becomes longer by as much, so that its end stays.
     duration = 0
     if command.duration:
         duration = command.duration + command.time - vertex.time

@@ -31,9 +31,10 @@ from brickhub.virtual.firmware.trajectory import (
 )
 
 _Vector = tuple[float, float, float]
-# mdeg that a wheel turns over a way as long as its diameter; an integer, as in the firmware.
+# A wheel turns by this many mdeg over a way as long as its diameter; it is an integer, as in the
+# firmware.
 _TURN_MDEG_OVER_PI = 114_592
-# An arc of a given length turns by the length over the radius, which must not be 0.
+# An arc turns by its length over its radius, which must therefore not be 0.
 _MIN_RADIUS_MM = 10
 _NONE = ControlType.NONE
 
@@ -76,7 +77,7 @@ class GyroHeading:
 
     def rate_deg_s(self) -> float:
         """Angular velocity about the robot's vertical axis, clockwise."""
-        # The gyroscope counts counterclockwise about the vertical, a heading clockwise.
+        # The gyroscope counts counterclockwise about the vertical, but a heading counts clockwise.
         return -sum(
             rate * axis[2] for rate, axis in zip(self.rates_deg_s(), self.frame, strict=True)
         )
@@ -101,7 +102,8 @@ class GyroHeading:
     def yaw_deg(self) -> float:
         """Rotation about the vertical since the hub was switched on, without the correction of the
         heading."""
-        # The vertical's components in the hub's frame weigh the corrections of its three axes.
+        # The corrections of the hub's three axes are weighed by the vertical's components in its
+        # frame.
         scale = sum(
             axis[2] ** 2 * 360.0 / turn_deg
             for axis, turn_deg in zip(self.frame, self._gyro_deg, strict=True)
@@ -111,8 +113,8 @@ class GyroHeading:
     def calibrate(self, gyro_deg: _Vector) -> None:
         """Set the reading of the gyroscope for a whole turn about each axis of the hub; earlier
         rotation stays."""
-        # A hub scales each sample as it comes, this one the whole rotation: what was measured
-        # with the former scale is kept in offsets.
+        # A hub scales each sample as it comes, but this one the whole rotation. So what was
+        # measured with the former scale is kept in offsets.
         yaw_deg = self.yaw_deg()
         rotation_deg = self.rotation_deg(calibrated=True)
         self._gyro_deg = gyro_deg
@@ -164,7 +166,8 @@ class DriveBaseControl:
         self.right = right
         self._clock = left.clock
         self._gyro = heading
-        # As in the firmware, both motors now belong to it, even if its geometry is refused below.
+        # Both motors belong to the drive base from now on, even if its geometry is refused below,
+        # as in the firmware.
         left.parent = right.parent = self
         distance_settings, heading_settings = drive_base_settings(left.settings, right.settings)
         self.distance = Controller(distance_settings)
@@ -187,7 +190,7 @@ class DriveBaseControl:
 
     @property
     def is_open(self) -> bool:
-        """Whether its control loop runs: both motors are open and belong to it."""
+        """Whether the control loop runs: both motors are open and belong to this drive base."""
         left = self.left
         right = self.right
         owns_both = left.parent is self and right.parent is self
@@ -196,8 +199,6 @@ class DriveBaseControl:
     def release(self) -> None:
         """Release both motors."""
         self.left.parent = self.right.parent = None
-
-    # ---- commands
 
     def straight(
         self,
@@ -214,7 +215,7 @@ class DriveBaseControl:
     ) -> None:
         """Turn by an angle along an arc; radius 0 turns in place, a negative radius drives
         backwards."""
-        # 573 is ten times the degrees of a radian, in the firmware's integers.
+        # The firmware's integers take 573 for ten times the degrees of a radian.
         length_mm = trunc(10 * abs(angle_deg) * radius_mm / 573)
         turn_deg = -angle_deg if radius_mm < 0 else angle_deg
         self._drive_relative(length_mm, turn_deg, then)
@@ -250,8 +251,8 @@ class DriveBaseControl:
         steps_per_deg = heading.settings.steps_per_unit
         _, present_heading = self._angles()
         remaining = angle_deg - to_unit(present_heading, steps_per_deg)
-        # Whole turns to leave out, rounded up, so that at most half a turn remains; half a turn
-        # itself keeps its direction.
+        # Whole turns are left out, rounded up, so that at most half a turn remains. Exactly half a
+        # turn keeps its direction.
         if remaining > 180:
             turns = -(-(remaining - 180) // 360)
         elif remaining < -180:
@@ -308,7 +309,7 @@ class DriveBaseControl:
             goes_right = radius_mm >= 0
         else:
             angle_deg = abs(distance_mm) * 573 // abs(radius_mm) // 10
-            # Backward around a center on the left turns right as well.
+            # Driving backward around a center on the left turns right as well.
             goes_right = (radius_mm < 0) == (distance_mm < 0)
         turn_deg = angle_deg if goes_right else -angle_deg
         self._drive_relative(distance_mm, turn_deg, then)
@@ -329,12 +330,12 @@ class DriveBaseControl:
     def stop(self, then: OnCompletion) -> None:
         """Stop both motors. Raises OSError (ENODEV) if one is closed."""
         self._check_open()
-        # Holding needs both controllers, not those of the single motors.
+        # Holding needs the two controllers of the drive base, and not those of its motors.
         if then is OnCompletion.HOLD:
             self.straight(0, then)
             return
         self._stop_control()
-        # Not Servo.stop, which would call back stop_from_servo.
+        # `Servo.stop` would call `stop_from_servo` back, so it is not used.
         for servo in (self.left, self.right):
             servo.control.stop()
             servo.set_voltage(None if then.passive is OnCompletion.COAST else 0)
@@ -353,7 +354,7 @@ class DriveBaseControl:
     ) -> None:
         """Set distance and heading, also the gyroscope's if in use; a running move stops."""
         self.stop(OnCompletion.COAST)
-        # The angles of the motors stay: only the zeros of the drive base move.
+        # Only the zeros of the drive base move, while the motors keep their angles.
         distance, heading = self._wheel_angles()
         new_distance = from_unit(distance_mm, self.distance.settings.steps_per_unit)
         new_heading = from_unit(angle_deg, self.heading.settings.steps_per_unit)
@@ -396,7 +397,7 @@ class DriveBaseControl:
             (self.distance.settings, speed, acceleration),
             (self.heading.settings, turn_rate, turn_acceleration),
         )
-        # All are checked before any is set, so that a refusal changes nothing.
+        # Everything is checked before anything is set, so that a refusal changes nothing.
         for settings, rate, (up, down) in pairs:
             validate_speed(settings.steps_per_unit, rate)
             validate_acceleration(settings.steps_per_unit, up)
@@ -405,8 +406,6 @@ class DriveBaseControl:
             settings.default_speed = min(settings.from_unit(rate), settings.max_speed)
             settings.acceleration = settings.from_unit(up)
             settings.deceleration = settings.from_unit(down)
-
-    # ---- state
 
     def is_done(self) -> bool:
         return self.distance.is_done and self.heading.is_done
@@ -434,8 +433,6 @@ class DriveBaseControl:
         _, heading = self._angles()
         return to_unit_float(heading, self.heading.settings.steps_per_unit)
 
-    # ---- the loop
-
     def update(self) -> None:
         """One control step, before those of the servos."""
         distance = self.distance
@@ -443,7 +440,7 @@ class DriveBaseControl:
         if distance.type is _NONE or heading.type is _NONE or not self.is_open:
             return
         time = self._clock.time_ms * 10
-        # Both controllers see the state of the same moment, before either acts.
+        # Both controllers see the same moment, before either of them acts.
         distance_state, heading_state = self._measured()
         action = distance.update(time, *distance_state[:3], self._paused)
         torque, speed, acceleration, end_of_distance, distance_at_limit = action
@@ -463,14 +460,14 @@ class DriveBaseControl:
                 turn_torque,
                 end_of_heading,
             )
-        # Both pause while one is saturated, so that they arrive together.
+        # Both pause while one of them is saturated, so that they arrive together.
         self._paused = distance_at_limit or heading_at_limit
-        # The first of both that becomes passive ends the move of both.
+        # The first controller that becomes passive ends the move of both.
         for end in (end_of_distance, end_of_heading):
             if end is not None:
                 self.stop(end)
                 return
-        # The heading is the left motor's lead over the mean, so it adds on the left.
+        # The heading is the left motor's lead over the mean, so it is added on the left.
         self.left.actuate(
             torque + turn_torque, speed + turn_speed, acceleration + turn_acceleration
         )
@@ -481,7 +478,7 @@ class DriveBaseControl:
     def _angles(self) -> tuple[Angle, Angle]:
         """Distance and heading as the firmware stores them."""
         distance, heading = self._wheel_angles()
-        # The gyroscope has a zero of its own.
+        # The gyroscope has a zero of its own, so the heading is not that of the wheels.
         if self._uses_gyro:
             heading = self._gyro.angle(self.heading.settings.steps_per_unit)
         else:
@@ -510,8 +507,8 @@ class DriveBaseControl:
         right_position = self.right.position()
         left = self.left.observer
         right = self.right.observer
-        # The mean in mdeg; where it does not come out even, the firmware's rounding decides,
-        # which halves turns and mdeg separately. That takes longer, and is needed half the time.
+        # If the mean does not come out even, the firmware's rounding decides, which halves turns
+        # and mdeg separately. That takes longer, and is needed half of the time.
         position, is_odd = divmod(self.left.position() + right_position, 2)
         if is_odd:
             position = to_mdeg(mean(self.left.angle(), self.right.angle()))
@@ -550,7 +547,7 @@ class DriveBaseControl:
         """Take over both motors and return their state. Raises OSError (ENODEV) if one is
         closed."""
         self._check_open()
-        # Else the motors' own controllers would go on beside those of the drive base.
+        # The motors' own controllers would otherwise go on beside those of the drive base.
         self.left.control.stop()
         self.right.control.stop()
         return self._measured()
@@ -581,7 +578,7 @@ class DriveBaseControl:
             then,
             allow_shift=False,
         )
-        # The shorter of both is stretched, so that the robot drives an arc all the way.
+        # The shorter of the two moves is stretched, so that the robot drives an arc all the way.
         leader = self.heading.trajectory
         follower = self.distance.trajectory
         if follower.t3 > leader.t3:

@@ -17,8 +17,8 @@ from brickhub.robot import MotorKind
 from brickhub.virtual.firmware import RefusedError
 from brickhub.virtual.firmware.settings import MAX_TORQUE_UNM, ControlSettings
 
-# The firmware's model has only integers of 32 bits: each quantity is limited to a maximum, and its
-# scale is what still fits, (2**31 - 1) // maximum (``pbio/doc/control/model.py``).
+# The firmware's model has only integers of 32 bits. Each quantity is limited to a maximum, and its
+# scale is what still fits, (2**31 - 1) // maximum (`pbio/doc/control/model.py`).
 MAX_SPEED = 2_500_000
 MAX_ACCELERATION = 25_000_000
 MAX_CURRENT = 30_000
@@ -88,8 +88,8 @@ class ObserverModel:
         acceleration: int,
     ) -> int:
         """Torque to follow a reference: half the friction, back-EMF, inertia."""
-        # In each control step of each motor, most of which hold or cruise: terms that are 0 are
-        # left out, and a clamp is called only where something is to be clamped.
+        # This runs in each control step of each motor, and most motors hold or cruise. So terms
+        # that are 0 are left out, and a clamp is called only where something is to be clamped.
         forward = 0
         if speed:
             half_friction = self.friction_unm // 2
@@ -132,7 +132,7 @@ def _clamp(value: int, limit: int) -> int:
     return value
 
 
-# A row of the model's matrix a line, which the formatter would take apart.
+# Each line is a row of the model's matrix, which the formatter would take apart.
 _TYPES = {
     "spike-small": MotorType(ObserverModel(
         (179217, 1950303, 5654927, -425928), (956, 7666, 11702, -1085),
@@ -225,8 +225,8 @@ class Observer:
                 friction_cutoff=_FRICTION_CUTOFF,
             )
         )
-        # All nine entries in one tuple, which a step unpacks at once; the column of the torque
-        # is apart, as friction is nearly always the full one, whose effect is computed here.
+        # One tuple of all nine entries is unpacked at once in a step. The column of the torque is
+        # apart, because friction is nearly always the full one, whose effect is computed here.
         self._rows = *model.angle[:3], *model.speed[:3], *model.current[:3]
         self._friction_unm = model.friction_unm
         self._friction_columns = model.angle[3], model.speed[3], model.current[3]
@@ -248,7 +248,8 @@ class Observer:
     def tune(self, settings: ObserverSettings) -> None:
         """Use these settings from now on."""
         self.settings = settings
-        # Attributes of its own, as a step reads them all and a lookup less each counts.
+        # Settings become attributes of the observer itself, because a step reads all of them and
+        # each lookup counts.
         self._stall_speed = settings.stall_speed
         self._stall_time = settings.stall_time
         self._negligible_mv = settings.negligible_mv
@@ -256,7 +257,7 @@ class Observer:
         self._gain = settings.gain_low
         self._high_gain = settings.gain_high
         self._threshold = settings.gain_threshold
-        # It divides, and a program may set it to 0.
+        # The observer divides by it, and a program may set it to 0.
         self._friction_cutoff = max(settings.friction_cutoff, 1)
 
     def feedback_mv(self, angle: int) -> int:
@@ -265,7 +266,7 @@ class Observer:
         threshold = self._threshold
         if -threshold <= error <= threshold:
             return trunc(error * self._gain / 1000)
-        # Of the magnitude, as in the firmware: so both directions round alike.
+        # The magnitude is used, as in the firmware, so that both directions round alike.
         beyond = (abs(error) - threshold) * self._high_gain
         voltage = (threshold * self._gain + beyond) // 1000
         voltage = min(voltage, MAX_VOLTAGE_MV)
@@ -283,9 +284,9 @@ class Observer:
         self.measured_speed = (angle - history[_WINDOW_START]) * 10
         speed = self.speed
         feedback = self.feedback_mv(angle)
-        # The motor stalls if the model runs ahead, so that the feedback pulls it back; if it is
-        # slow in the direction of the voltage; and if the feedback is large, by itself and for
-        # the voltage. The first condition is false in nearly all steps.
+        # The motor stalls if three things are true: the model runs ahead, so that the feedback
+        # pulls it back; the motor is slow in the direction of the voltage; and the feedback is
+        # large, by itself and for the voltage. The first is false in nearly all steps.
         if (
             voltage_mv * feedback < 0
             and (speed if voltage_mv > 0 else -speed) < self._stall_speed
@@ -296,13 +297,12 @@ class Observer:
                 self.stalled_since = time
         else:
             self.stalled_since = None
-        # The model gets the applied voltage and the feedback, which keeps it at the real motor.
+        # The feedback is added to the applied voltage, which keeps the model at the real motor.
         voltage = voltage_mv + feedback
         if voltage > MAX_VOLTAGE_MV:
             voltage = MAX_VOLTAGE_MV
         elif voltage < -MAX_VOLTAGE_MV:
             voltage = -MAX_VOLTAGE_MV
-        # Dry friction, against the motion.
         cutoff = self._friction_cutoff
         if -cutoff <= speed <= cutoff:
             slip, friction, drop = self._friction(trunc(abs(speed) * self._friction_unm / cutoff))
@@ -312,7 +312,7 @@ class Observer:
             slip = -slip
             friction = -friction
             drop = -drop
-        # x(k+1) = A x(k) + B u(k), each product truncated on its own.
+        # This is x(k+1) = A x(k) + B u(k), with each product truncated on its own.
         ps = PRESCALE_SPEED * speed
         pc = PRESCALE_CURRENT * self.current
         pv = PRESCALE_VOLTAGE * voltage
@@ -320,7 +320,7 @@ class Observer:
         self.angle += trunc(ps / a0) + trunc(pc / a1) + trunc(pv / a2) + slip
         next_speed = trunc(ps / s0) + trunc(pc / s1) + trunc(pv / s2) + friction
         current = trunc(ps / c0) + trunc(pc / c1) + trunc(pv / c2) + drop
-        # Friction brakes to rest, not beyond.
+        # Friction brakes a motor to rest, but not beyond.
         if (speed < 0) is not (next_speed < 0):
             next_speed -= friction
         if next_speed > MAX_SPEED:
@@ -343,7 +343,7 @@ class Observer:
     def window_speed(self, window_ms: int) -> int:
         """Mean measured speed over a window, mdeg/s. Raises ValueError for one shorter than a tick
         or longer than 300 ms."""
-        # Rounded to steps of 5 ms, of which the firmware keeps eight bits.
+        # The firmware keeps eight bits of this number of 5 ms steps, rounded.
         ticks = (window_ms + 2) // 5 & 0xFF
         if not 1 <= ticks <= _HISTORY:
             raise RefusedError("the window is out of range")

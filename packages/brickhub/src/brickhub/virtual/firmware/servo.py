@@ -79,7 +79,7 @@ class Servo:
 
     @property
     def is_open(self) -> bool:
-        """Whether it takes commands. Its control loop runs, also after :meth:`close`, until
+        """Whether the motor takes commands. Its control loop goes on after :meth:`close`, until
         something first asks this."""
         self._is_updated = self._is_updated and self.is_taken
         return self._is_updated
@@ -100,8 +100,8 @@ class Servo:
         """Take the motor into use; ``gear_ratio_milli`` is 1000 times the motor's turns for one of
         the output. Raises OSError (EBUSY) if it is in use, ValueError if the gear ratio or the
         profile is out of range."""
-        # In the firmware's order: a setup that is refused below has already ended the control
-        # loop, and moved the zero.
+        # The firmware has this order: a setup that is refused below has already ended the control
+        # loop and moved the zero.
         self._is_updated = False
         if reset_angle:
             measured = split(self.body.angle_mdeg(self.port))
@@ -116,7 +116,8 @@ class Servo:
         self.control = Controller(servo_settings(self.type, gear_ratio_milli, profile_deg))
         measured_speed = self.observer.measured_speed
         self.observer = Observer(self.type, self.settings)
-        self.observer.measured_speed = measured_speed  # until the next step
+        # The new observer keeps the measured speed until its first step.
+        self.observer.measured_speed = measured_speed
         self.observer.reset(self.position())
         self._is_updated = True
 
@@ -138,8 +139,6 @@ class Servo:
         """Raise OSError (ENODEV) unless its control loop runs."""
         if not self.is_open:
             raise UnavailableError(errno.ENODEV, "the motor is not in use")
-
-    # ---- state
 
     def position(self) -> int:
         """Angle of the motor's shaft in mdeg, in the program's direction and from its zero."""
@@ -181,7 +180,7 @@ class Servo:
         if not self._is_updated:
             return None, None, None, self.voltage_mv
         position = self.observer.history[-1]
-        # + 0.0 turns -0.0 into 0.0, which a log should show.
+        # Adding 0.0 turns -0.0 into 0.0, which is what a log should show.
         angle_deg = round(position / self.settings.steps_per_unit, 3) + 0.0
         return angle_deg, self.speed_deg_s(), self._load_mnm(position), self.voltage_mv
 
@@ -192,17 +191,15 @@ class Servo:
         self.check_open()
         if self.control.is_active:
             return self.control.is_stalled
-        # Without a controller, as after dc(), only the observer can tell: its model runs ahead.
-        # It knows no motor that coasts.
+        # Without a controller, as after `dc()`, only the observer can tell, by its model running
+        # ahead. It knows no motor that coasts.
         if self.voltage_mv is None:
             return False
         return self.observer.is_stalled(self.clock.time_ticks)
 
-    # ---- commands
-
     def reset_angle(self, angle_deg: int | None) -> None:
         """Set the angle, with ``None`` to the absolute angle of the shaft. A running move stops."""
-        # What the motor did is remembered first, as stopping it clears all of this.
+        # Stopping clears what the motor did, so that is remembered first.
         was_active = self.control.is_active
         then = self.control.on_completion
         voltage = self.voltage_mv
@@ -217,8 +214,8 @@ class Servo:
         clockwise = turns * self.direction, mdeg * self.direction
         self._set_zero(difference(measured, clockwise))
         self.observer.reset(to_mdeg((turns, mdeg)))
-        # A motor under control goes on as its last command would have ended, mostly holding here;
-        # one that was driven by a voltage gets that voltage again.
+        # A motor under control goes on as its last command would have ended, mostly by holding
+        # here. A motor that was driven by a voltage gets that voltage again.
         if was_active:
             self.stop(then)
         elif voltage is not None:
@@ -243,8 +240,8 @@ class Servo:
         """End the running move: hold at its reference, or become passive."""
         self._take_over()
         if then.is_active:
-            # A running move holds at its reference, from which the motor may lag behind: it does
-            # not jerk back.
+            # A running move holds at its reference, from which the motor may lag behind, so that
+            # the motor does not jerk back.
             state = self.state()
             target = state.position
             if self.control.is_active:
@@ -289,7 +286,7 @@ class Servo:
             raise RefusedError("a stalled motor cannot continue")
         limit = self.settings.max_torque if limit_unm is None else limit_unm
         if duty_limit_pct is not None:
-            # The torque of a motor at rest at this share of the battery's voltage.
+            # This is the torque of a motor at rest, at this share of the battery's voltage.
             limit_mv = trunc(duty_limit_pct * self.body.battery_mv / 100)
             limit = self.type.model.torque_unm(limit_mv)
         self._take_over()
@@ -332,7 +329,7 @@ class Servo:
         then: OnCompletion,
     ) -> None:
         """Run to an angle at the magnitude of the speed; at speed 0 the motor stays."""
-        # The controller takes speed 0 for its default speed.
+        # Speed 0 means the default speed to the controller.
         if speed == 0:
             self.run_angle(0, 0, then)
             return
@@ -352,20 +349,19 @@ class Servo:
         position = target * self.settings.steps_per_unit
         self.control.start_hold(self.clock.time_ticks, position)
 
-    # ---- the loop
-
     def update(self) -> None:
         """One control step: controller, voltage, observer."""
         if not self._is_updated:
             return
         time = self.clock.time_ms * 10
-        # As position(), without the call: the hot loop of every virtual robot.
+        # This repeats `position()` without the call, because it is in the hot loop of every virtual
+        # robot.
         position = (self.body.angle_mdeg(self.port) - self._zero_mdeg) * self.direction
         control = self.control
         observer = self.observer
         torque = speed = acceleration = 0
-        # As in ``pbio_servo_update``: the controller sees the observer's estimate of the last
-        # step, and the observer then predicts with the voltage of this one.
+        # `pbio_servo_update` has this order: the controller sees the observer's estimate of the
+        # last step, and then the observer predicts with the voltage of this one.
         if control.type is not _NONE:
             torque, speed, acceleration, passive, _ = control.update(
                 time,
@@ -461,8 +457,8 @@ class Servo:
     def _load_mnm(self, position: int) -> int:
         if self.voltage_mv is None:
             return 0
-        # What the controller exerts balances the load, on average; without one, what the
-        # observer's feedback would have to add to its model does.
+        # On average, the controller's torque balances the load. Without a controller, the
+        # observer's feedback shows what would have to be added to its model.
         if self.control.is_active:
             return trunc(-self.control.pid_average / 1000)
         feedback_mv = self.observer.feedback_mv(position)
@@ -474,7 +470,8 @@ class Servo:
         return (self.body.angle_mdeg(self.port) + half_turn) % TURN_MDEG - half_turn
 
     def _set_zero(self, zero: Angle) -> None:
-        # Both forms: the loop computes in mdeg, and what a program reads is rounded by parts.
+        # Both forms are kept: the loop computes in mdeg, and what a program reads is rounded by
+        # parts.
         self._zero = zero
         self._zero_mdeg = to_mdeg(zero)
 
@@ -489,8 +486,8 @@ def servo_settings(
     precision_deg = profile_deg or motor.precision_deg
     if gear_ratio_milli < 1 or precision_deg < 5:
         raise RefusedError("the gear ratio or the profile is out of range")
-    # The proportional part reaches the nominal torque at an error as large as the precision. The
-    # differential part goes by the motor's own precision, whatever the profile.
+    # The proportional part should reach the nominal torque at an error as large as the precision.
+    # The differential part goes by the motor's own precision, whatever the profile.
     nominal_mv = min(motor.max_voltage_mv, 7500)
     nominal_torque = motor.model.torque_unm(nominal_mv)
     speed = motor.max_speed_deg_s * 1000

@@ -86,11 +86,12 @@ class ControlSettings:
         self.max_speed = self.from_unit(speed)
         self.acceleration = self.from_unit(acceleration)
         self.deceleration = self.from_unit(deceleration)
-        # The torque comes last, as in the firmware: a program that is refused it keeps the rest.
+        # The torque comes last, as in the firmware: a program whose torque is refused keeps the
+        # other settings.
         if not 1 <= torque_mnm <= MAX_TORQUE_UNM // 1000:
             raise RefusedError("the torque limit is out of range")
         self.max_torque = torque_mnm * 1000
-        # The errors at which the controller saturates depend on it.
+        # The errors at which the controller saturates depend on the torque.
         self.__post_init__()
 
     def group(self, name: str) -> tuple[int, ...]:
@@ -110,7 +111,7 @@ class ControlSettings:
         """Set what :meth:`group` returns. Raises ValueError for a value out of range."""
         kinds = _GROUPS[name]
         new_values = dict(zip(kinds, values, strict=True))
-        # All are checked before any is set, so that a refusal changes nothing.
+        # Everything is checked before anything is set, so that a refusal changes nothing.
         for setting, value in new_values.items():
             kind = kinds[setting]
             high = INT32_MAX // self._steps(kind)
@@ -131,7 +132,7 @@ class ControlSettings:
         """Control units of one unit of a program."""
         if kind == "gain":
             return 1
-        # ms to ticks of 0.1 ms
+        # Programs give ms, but times here are in ticks of 0.1 ms.
         if kind == "time":
             return 10
         return self.steps_per_unit
@@ -165,7 +166,8 @@ def drive_base_settings(
     def of_both(choose: Callable[[int, int], int], *names: str) -> dict[str, int]:
         return {name: choose(getattr(left, name), getattr(right, name)) for name in names}
 
-    # What both motors can do: the lower limits and gains, the wider dead zone, the longer hold.
+    # The pair gets what both motors can do: the lower limits and gains, the wider dead zone and the
+    # longer hold.
     weaker = of_both(
         min,
         "max_speed",
@@ -176,8 +178,8 @@ def drive_base_settings(
         "stall_time",
     )
     weaker |= of_both(max, "integral_deadzone", "smart_hold_time")
-    # The lower gain of both, so that neither motor is controlled too harshly, the reduced one for
-    # all errors.
+    # The lower gain of both keeps either motor from being controlled too harshly, so the reduced
+    # gain holds for all errors.
     kp = min(left.kp, right.kp)
     kp = kp * min(left.kp_low_pct, right.kp_low_pct) // 100
     max_torque = min(left.max_torque, right.max_torque)
@@ -198,8 +200,8 @@ def drive_base_settings(
             position_tolerance=divide_by_gain(max_torque, kp),
         )
 
-    # Default speed: 40 % of the maximum ahead, 33 % in turns. Twice the torque, so that a saturated
-    # heading wins.
+    # The default speed is 40 % of the maximum ahead, and 33 % in turns. The heading gets twice the
+    # torque, so that it wins when it is saturated.
     max_speed = weaker["max_speed"]
     distance = settings(max_speed * 10 // 25, max_torque)
     heading = settings(max_speed // 3, max_torque * 2)

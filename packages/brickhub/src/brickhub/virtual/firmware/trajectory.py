@@ -18,13 +18,13 @@ FOREVER_MS = 60_000
 """Length of a move without an end: a minute, after which the last speed goes on."""
 TURN_MDEG = 360_000
 INT32_MAX = 2**31 - 1
-# An angle takes half of 32 bits, so that a sum or a difference of two still fits.
+# An angle takes half of 32 bits, so that a sum or a difference of two angles still fits.
 _ANGLE_MAX_MDEG = (2**31 - 1) // 2
-# Limits of any command, in deg/s and deg/s2 at the motor, times the scales of this module.
+# These limit any command, in deg/s and deg/s2 at the motor times the scales of this module.
 _SPEED_MAX = 20_000
 _ACCELERATION_MIN = 50
 _ACCELERATION_MAX = 20_000
-# Ticks for which even the fastest move stays within the largest angle.
+# Within this many ticks, even the fastest move stays inside the largest angle.
 _TIME_MAX = _ANGLE_MAX_MDEG // (_SPEED_MAX * 100) * 10_000
 _TURNS_MAX = _ANGLE_MAX_MDEG // TURN_MDEG - 1
 
@@ -98,8 +98,8 @@ class Trajectory:
     def last_vertex(self, time: int) -> TrajectoryReference:
         """Start of the phase at a time."""
         t = time - self.time
-        # A trajectory without a first ramp still begins at its start: the firmware takes the
-        # moment 0 into the first phase even where that has no length.
+        # A trajectory without a first ramp still begins at its start, because the firmware takes
+        # the moment 0 into the first phase even where that has no length.
         if t < self.t1 or t == self.t1 == 0:
             return self._point(0, 0, self.w0, 0)
         if t < self.t2:
@@ -115,8 +115,8 @@ class Trajectory:
     def at(self, time: int) -> tuple[int, int, int]:
         """Position, speed and acceleration at a time, without the cost of a
         :class:`TrajectoryReference`."""
-        # Written out, without the small functions below: this runs in each control step of each
-        # motor. Each product is truncated on its own, in the firmware's order.
+        # The small functions below are written out here, because this runs in each control step of
+        # each motor. Each product is truncated on its own, in the firmware's order.
         t = time - self.time
         if t < self.t1 or t == self.t1 == 0:
             a = self.a0
@@ -137,7 +137,7 @@ class Trajectory:
             th += trunc(trunc(gain * t / 100) / 2)
             return self.position + th, (w + gain) * 100, a * 1000
         w = self.w3
-        # The usual end, where a motor holds: no multiplication by zero.
+        # Moves usually end with a motor that holds, for which nothing has to be multiplied.
         if not w:
             return self.position + self.th3, 0, 0
         th = self.th3 + trunc(w * (t - self.t3) / 100)
@@ -152,19 +152,19 @@ class Trajectory:
         if self.t3 == 0:
             self.end = self._endpoint()
             return
-        # The speed is a trapezoid over time, whose area is the angle. Times, angle, w0 and w3 are
+        # The speed over time is a trapezoid, whose area is the angle. Times, angle, w0 and w3 are
         # given, so twice the area gives its height, w1.
         braking = self.t3 - self.t2
         angle_of_w0 = _angle(self.w0, self.t1)
         angle_of_w3 = _angle(self.w3, braking)
         angle = 2 * self.th3 - angle_of_w0 - angle_of_w3
         duration = self.t3 + self.t2 - self.t1
-        # An angle that would overflow 32 bits loses digits first, as in the firmware.
+        # An angle that would overflow 32 bits is shortened first, as in the firmware.
         if abs(angle) < INT32_MAX // 100:
             self.w1 = trunc(angle * 100 / duration)
         else:
             self.w1 = trunc(angle / duration) * 100
-        # The accelerations follow from w1, before w3 is overwritten.
+        # The accelerations follow from w1, so they are computed before w3 is overwritten.
         self.a0 = 0
         if self.t1:
             self.a0 = trunc((self.w1 - self.w0) * 1000 / self.t1)
@@ -217,8 +217,8 @@ def to_angle(command: TrajectoryCommand) -> Trajectory:
         raise RefusedError("the angle is too large for one move")
     if command.target_speed == 0 or distance == 0:
         return Trajectory(command.time, command.position)
-    # Every move is computed forward and mirrored if need be: then only one sign of each square
-    # root and of each comparison has to be right.
+    # Every move is computed forward and mirrored if need be, so that only one sign of each square
+    # root and each comparison has to be right.
     forward = command._replace(end=command.position + abs(distance))
     return _built(forward, distance < 0, _forward_angle)
 
@@ -242,8 +242,8 @@ def _built(
     target_speed = min(abs(command.target_speed), command.max_speed)
     forward = command._replace(target_speed=target_speed, speed=speed)
     trajectory = build(forward)
-    # Integers may round a phase to a negative length. The firmware looks at the times of both
-    # kinds of commands, and at the angles only where they were the goal.
+    # Integers may round a phase to a negative length. As in the firmware, the times are checked for
+    # both kinds of commands, but the angles only where they were the goal.
     times_are_ordered = 0 <= trajectory.t1 <= trajectory.t2 <= trajectory.t3
     angles_are_ordered = (
         build is _forward_time or trajectory.th1 <= trajectory.th2 <= trajectory.th3
@@ -272,8 +272,8 @@ def validate_acceleration(steps_per_unit: int, acceleration: int) -> None:
         raise RefusedError("the acceleration limit is out of range")
 
 
-# The firmware's formulas (its ``mul_a_by_t``, ``mul_w_by_t``, ``div_w2_by_a``, ``div_w_by_a`` and
-# ``bind_w0``), each with one truncation at its end.
+# These are the firmware's formulas (`mul_a_by_t`, `mul_w_by_t`, `div_w2_by_a`, `div_w_by_a` and
+# `bind_w0`), each with one truncation at its end.
 
 
 def _speed_gain(a: int, t: int) -> int:
@@ -291,8 +291,8 @@ def _ramp_angle(
 ) -> int:
     """Angle turned while the speed changes."""
     change_of_square = w_end * w_end - w_start * w_start
-    # 5 is the half of the formula, times 10 for the units: the square of a ddeg/s by a deg/s2 is
-    # a hundredth of a degree, which is 10 mdeg.
+    # The formula's half gives 5 together with the units: the square of a ddeg/s by a deg/s2 is a
+    # hundredth of a degree, which is 10 mdeg.
     return trunc(change_of_square * 5 / a)
 
 
@@ -341,21 +341,22 @@ def _forward_angle(command: TrajectoryCommand) -> Trajectory:
     w0 = tr.w0
     w3 = tr.w3
     th3 = command.end - command.position
-    # The motor may turn too fast to stop within the angle: then the reference starts slower than
+    # The motor may turn too fast to stop within the angle. Then the reference starts slower than
     # the motor, as fast as the strongest ramp allows.
     strongest = max(accel, decel)
     if w0 > 0 and _ramp_angle(w0, w3, strongest) > th3:
         w0 = _start_speed(w3, strongest, th3)
-    # A start in the wrong direction adds to the angle.
+    # Starting in the wrong direction makes the angle longer.
     angle = th3
     if w0 <= 0:
         angle -= _ramp_angle(0, w0, accel)
-    # The target speed must leave room for the last ramp too.
+    # The target speed must leave room for the last ramp.
     if _ramp_angle(target, w3, decel) > angle:
         target = _start_speed(w3, decel, angle)
     if target == 0:
         return Trajectory(command.time, command.position)
-    # An upper bound is enough here: all of the angle at the target speed, after the way back.
+    # All of the angle at the target speed, after the way back, is an upper bound, which is enough
+    # here.
     duration = trunc(angle * 100 / target)
     if w0 < 0:
         duration += _ramp_time(-w0, accel)
@@ -363,7 +364,7 @@ def _forward_angle(command: TrajectoryCommand) -> Trajectory:
         raise RefusedError("the move would take too long")
     a0 = accel if w0 < target else -accel
     a2 = -decel
-    # Angle at which the first ramp, extrapolated, has speed zero.
+    # At this angle the first ramp, extrapolated, would have speed zero.
     origin = _ramp_angle(0, w0, a0)
     th1 = origin + _ramp_angle(target, 0, a0)
     th2 = th3 + _ramp_angle(target, w3, a2)
@@ -381,12 +382,12 @@ def _forward_angle(command: TrajectoryCommand) -> Trajectory:
             accel,
             command.keep_running,
         )
-    # Angles were the goal; the times follow from them.
+    # Angles were the goal, so the times follow from them.
     cruise = 0
     if tr.th2 != tr.th1:
         cruise = trunc((tr.th2 - tr.th1) * 100 / tr.w1)
     tr.t1 = _ramp_time(tr.w1 - tr.w0, tr.a0)
-    # A first ramp that is too short for a tick would leave a step in the speed at its start.
+    # If the first ramp is too short for a tick, the speed would have a step at its start.
     if tr.t1 == 0:
         tr.w0 = tr.w1
     tr.t2 = tr.t1 + cruise
@@ -402,17 +403,18 @@ def _join_ramps(
 ) -> None:
     """Let the ramps meet without a cruise, for an angle that is too small for the target speed."""
     if keep_running and tr.a0 > 0:
-        # It speeds up to the very end, and goes on with what it has reached there.
+        # The motor never reaches the target speed, so it speeds up to the very end and goes on with
+        # the speed that it has there.
         tr.w1 = tr.w3 = _start_speed(0, tr.a0, tr.th3 - origin)
         tr.th1 = tr.th2 = tr.th3
     elif keep_running:
-        # It is too fast and slows down to the speed with which it goes on.
+        # The motor is too fast, and slows down to the speed with which it goes on.
         tr.w0 = _start_speed(tr.w3, -tr.a0, tr.th3)
         tr.w1 = tr.w3
         tr.th1 = tr.th2 = tr.th3
     else:
-        # The squares of the speeds of both ramps are straight lines over the angle; here they
-        # cross. Without any angle between them both may fall alike: nothing to divide by then.
+        # Over the angle, the squares of the speeds of both ramps are straight lines, which cross
+        # here. Without any angle between them both may fall alike, which would divide by 0.
         angle = tr.th3 - origin
         if angle == 0:
             tr.th1 = origin
@@ -434,8 +436,8 @@ def _forward_time(command: TrajectoryCommand) -> Trajectory:
     t3 = command.duration
     if _angle(target, t3) > _ANGLE_MAX_MDEG:
         raise RefusedError("the move would turn too far")
-    # The first speed and the target are bounded so that each ramp alone fits into the duration:
-    # one that starts backward need not reach zero, one that is too fast must still get slow enough.
+    # The first speed and the target are bounded so that each ramp alone fits into the duration: one
+    # that starts backward need not reach zero, and one that is too fast must still get slow enough.
     strongest = max(accel, decel)
     if _ramp_time(w0, accel) < -t3:
         w0 = -_speed_gain(accel, t3)
@@ -450,22 +452,23 @@ def _forward_time(command: TrajectoryCommand) -> Trajectory:
     cruise = t3 - t1 - braking
     w1 = target
     if cruise < 0:
-        # The ramps overlap: they meet below the target speed, without a cruise between them.
+        # The ramps overlap, so they meet below the target speed without a cruise between them.
         cruise = 0
         if command.keep_running and a0 > 0:
-            # It speeds up to the very end, and goes on with what it has reached there.
+            # The motor never reaches the target speed, so it speeds up to the very end and goes on
+            # with the speed that it has there.
             t1 = t3
             w1 = w3 = w0 + _speed_gain(a0, t3)
         else:
-            # Both ramps are straight lines over time: the last one, extrapolated to the start,
-            # has this lead in speed, which the first one makes up until they cross.
+            # Both ramps are straight lines over time. Extrapolated to the start, the last one has
+            # this lead in speed, which the first one makes up until they cross.
             lead = w3 - w0 - _speed_gain(a2, t3)
             t1 = _ramp_time(lead, a0 - a2)
             w1 = w0 + _speed_gain(a0, t1)
-    # As above: no step in the speed where the first ramp is too short for a tick.
+    # As above, the speed must have no step where the first ramp is too short for a tick.
     if t1 == 0:
         w0 = w1
-    # Times were the goal; the angles follow from them.
+    # Times were the goal, so the angles follow from them.
     tr.t1 = t1
     tr.t2 = t1 + cruise
     tr.t3 = t3

@@ -36,9 +36,9 @@ def frozen_module(name: str, hub: HubModel) -> HubModule | None:
     names_of_hub = [module.name for module in FROZEN if module.is_on(hub)]
     if name not in names_of_hub:
         return None
-    # By `resources`, as the package may lie in an archive.
+    # `resources` finds the file even if the package lies in an archive.
     file = resources.files(__package__).joinpath(f"{name.removeprefix('_')}.py")
     text = file.read_text(encoding="utf-8")
-    # What stands before the mark is for people and tools here; a hub's memory has no place for it.
+    # What stands before the mark is for people and tools, and a hub's memory has no room for it.
     _, source = text.split(_MARK, 1)
     return HubModule(name, f"{name}.py", source)

@@ -48,10 +48,10 @@ _MADE_BY_CPYTHON = (
     "__qualname__",
     "__slotnames__",
     "__annotations__",
-    # Since Python 3.13.
+    # CPython has added this since 3.13.
     "__firstlineno__",
     "__static_attributes__",
-    # Since Python 3.14.
+    # CPython has added this since 3.14.
     "__annotate__",
     "__annotate_func__",
     "__annotations_cache__",
@@ -143,12 +143,12 @@ def build_class(
         *bases,
         **keywords,
     )
-    # CPython looks for these in the class, so they have to go from it.
+    # CPython looks for these in the class, so they have to be taken out of it.
     for method in _UNUSED:
         if method in cls.__dict__:
             delattr(cls, method)
-    # Functions of the firmware are Python functions here, and would become methods of a class that
-    # keeps them, as no builtin does.
+    # The firmware's functions are Python functions here, and would become methods of a class that
+    # keeps them. No builtin function does that.
     for name, value in list(cls.__dict__.items()):
         if isinstance(value, FunctionType) and value.__module__.startswith(FIRMWARE):
             setattr(cls, name, staticmethod(value))
@@ -157,7 +157,7 @@ def build_class(
         has_method = getattr(cls, method) is not getattr(object, method)
         if has_mirrored and not has_method:
             setattr(cls, method, _refusal(method))
-    # A class without `__init__` ignores all arguments on a hub.
+    # On a hub, a class without `__init__` ignores all arguments.
     if cls.__init__ is object.__init__ and cls.__new__ is object.__new__:
         cls.__init__ = lambda self, *args, **kwargs: None
     return cls
@@ -186,7 +186,7 @@ def defines(kind: type, name: str) -> bool:
         return False
     value = kind.__dict__[name]
     is_of_firmware = isinstance(value, FunctionType) and value.__module__.startswith(FIRMWARE)
-    # CPython sets it where a class has `__eq__` only.
+    # CPython sets `__hash__` to None in a class that has only `__eq__`.
     is_made_unhashable = name == "__hash__" and value is None
     return not is_of_firmware and not is_made_unhashable
 
@@ -208,10 +208,10 @@ class HubSuper(super):
     def __getattribute__(self, name: str) -> Any:
         instance = super().__getattribute__("__self__")
         owner = super().__getattribute__("__thisclass__")
-        # In a class method it is the class itself.
+        # In a class method, `instance` is the class itself.
         kind_of_instance = instance if isinstance(instance, type) else type(instance)
         ancestors = kind_of_instance.__mro__
-        # Without the last one, `object`, which has no methods on a hub.
+        # The last ancestor, `object`, has no methods on a hub and is left out.
         for kind in ancestors[ancestors.index(owner) + 1 : -1]:
             is_public = name == "__init__" or name[:2] != "__"
             is_in_native = is_native(kind) and name in kind.__dict__ and is_public
@@ -284,15 +284,15 @@ def _is_closed(owner: Any) -> bool:
     kind = type(owner)
     if kind is FunctionType:
         return True
-    # Few classes of the firmware have attributes to set.
+    # Few classes of the firmware have attributes that can be set.
     if kind.__module__.startswith(FIRMWARE) and "__setattr__" not in kind.__dict__:
         return True
-    # A module of the firmware: those of the program have builtins.
+    # A module without builtins is the firmware's; those of the program have them.
     if kind is ModuleType and "__builtins__" not in owner.__dict__:
         return True
     if isinstance(owner, type) and is_native(owner):
         return True
-    # CPython's exceptions take attributes, a hub's none.
+    # CPython's exceptions accept attributes, but a hub's do not.
     return isinstance(owner, BaseException) and kind.__module__ == "builtins"
 
 
@@ -302,13 +302,14 @@ def directory(value: Any) -> list[str]:
         return sorted(name for name in vars(value) if name != "__builtins__" and "@" not in name)
     kind = value if isinstance(value, type) else type(value)
     is_class = kind is value
-    # The firmware's classes that list their attributes themselves; `object` lists all.
+    # Some classes of the firmware list their attributes themselves; `object` is left out, because
+    # it lists all.
     lists_itself = any("__dir__" in base.__dict__ for base in kind.__mro__[:-1])
     if lists_itself and not is_class:
         return list(value.__dir__())
     names = {name for name in dir(value) if not name.startswith("_")}
     names.difference_update(_HIDDEN.get(kind, ()))
-    # Of a program's classes a hub lists all names, those that begin with an underscore too.
+    # For a program's class, a hub lists all names, even those that begin with an underscore.
     for base in kind.__mro__:
         if is_native(base):
             continue
@@ -331,20 +332,21 @@ def with_keywords(function: Any) -> Any:
         return _without_keywords(function)
     if isinstance(called, FunctionType):
         called = inspect.unwrap(called)
-    # CPython refuses the keywords of a program's function itself, reworded as the hub does.
+    # CPython itself refuses wrong keywords of a program's function, and the message is reworded as
+    # the hub's.
     if not isinstance(called, FunctionType) or not called.__module__.startswith(FIRMWARE):
         return function
     code = called.__code__
-    # `self`, which a bound method has already.
+    # A bound method already has `self`, so that does not count.
     bound = called is not function
     takes_any_keyword = code.co_flags & inspect.CO_VARKEYWORDS
     takes_any_number = code.co_flags & inspect.CO_VARARGS
     first_with_name = max(code.co_posonlyargcount, bound)
-    # Also where `self` is the first of any number.
+    # This also holds where `self` is the first of any number of arguments.
     has_named = first_with_name != code.co_argcount
     if not (has_named or code.co_kwonlyargcount or takes_any_keyword):
         return _without_keywords(function)
-    # Others look for their arguments in ways of their own.
+    # Functions with other kinds of arguments look for them in their own ways, and are left alone.
     is_special = takes_any_number or takes_any_keyword
     if is_special or code.co_posonlyargcount or code.co_kwonlyargcount:
         return function
@@ -361,7 +363,7 @@ def _with_named_arguments(
     """The function, as one of the firmware with these arguments, of which the first ones are
     ``required``."""
 
-    # The order of the refusals is the firmware's.
+    # The refusals come in the firmware's order.
     def call(*args: Any, **kwargs: Any) -> Any:
         count = len(args)
         for name in names[count:required]:
@@ -402,7 +404,8 @@ class Manager:
         value: Any,
         reword: Callable[[BaseException], BaseException],
     ) -> None:
-        # In this order, so the message of a value without both names `__exit__`.
+        # `__exit__` is looked up first, because a hub's message for a value without both names that
+        # one.
         self._exit = visible_attribute(value, "__exit__")
         self._enter = visible_attribute(value, "__enter__")
         self._reword = reword
@@ -416,14 +419,14 @@ class Manager:
         error: BaseException | None,
         traceback: object,
     ) -> Any:
-        # Neither a hub that is switched off leaves its blocks, nor a generator that is dropped.
+        # Blocks are not left by a hub that is switched off, nor by a generator that is dropped.
         is_of_dropped = isinstance(error, GeneratorExit) and is_dropped()
         if isinstance(error, SwitchedOff) or is_of_dropped:
             return None
         if error is None or isinstance(error, CATCHABLE):
             return self._exit(kind, error and self._reword(error), None)
-        # Stopped from outside, which the program sees as the button, and cannot prevent: whatever
-        # its answer is.
+        # The program is being stopped from outside, which it sees as the button. It cannot prevent
+        # that, whatever it answers.
         self._exit(SystemExit, SystemExit(), None)
         return None
 

@@ -19,7 +19,7 @@ from brickhub.virtual.micropython.operators import CONVERSIONS, operators
 from brickhub.virtual.micropython.streams import Console, HubBytearray, as_bytes, write_text
 from brickhub.virtual.micropython.text import format_value, percent, representation, text, to_number
 
-# Lists would take a line for each.
+# A list of texts would take a line for each.
 _UNCHANGED = """
     all any bool bytes callable chr classmethod complex enumerate float int len list max memoryview
     min object ord range reversed slice str tuple type zip
@@ -63,7 +63,7 @@ def builtin_names(
     result["@del"] = _delete_global
     result.update(_number_functions(result["@n"], result["@pow"]))
     present = {name: value for name, value in result.items() if name not in missing_builtins}
-    # What a program can see of them: not the helpers.
+    # A program can see these, but not the helpers, which have an @ in their names.
     visible = {name: value for name, value in present.items() if "@" not in name}
     builtins_module = module("builtins", visible)
 
@@ -77,7 +77,7 @@ def builtin_names(
         if level:
             raise NotImplementedError("relative import")
         found = builtins_module if name == "builtins" else find_module(name)
-        # A hub does not know `__all__`, by which CPython would choose.
+        # CPython would choose by `__all__`, which a hub does not know.
         if fromlist == ("*",):
             public = {key: value for key, value in vars(found).items() if not key.startswith("_")}
             return module(name, public)
@@ -105,16 +105,16 @@ def _number_functions(
     def round_(value: Any, digits: int | None = None, /) -> Any:
         value = to_number(value, "float")
         if digits is None:
-            # Infinity and NaN go on, so that they are refused in the hub's words.
+            # Infinity and NaN go on to where they are refused in the hub's words.
             return int_from_float(round(value) if math.isfinite(value) else value)
-        # A truth value is none on a hub.
+        # On a hub, a truth value is not an integer here.
         if type(value) is int:
             raise NotImplementedError
-        # The hub scales, rounds and scales back; CPython rounds the decimal digits.
+        # The hub scales, rounds and scales back, but CPython rounds the decimal digits.
         scale = normalize(10.0**digits)
         scaled = normalize(value * scale)
         if math.isfinite(scaled):
-            # Of -0.2 the rounded value keeps the sign.
+            # The rounded value keeps its sign, as that of -0.2.
             scaled = math.copysign(round(scaled), scaled)
         return normalize(scaled / scale)
 
@@ -151,7 +151,8 @@ def oct_(value: Any, /) -> str:
 
 
 def map_(function: Any, *values: Iterable[Any]) -> Any:
-    # `map(int, ...)` names a class that is no call in the program's text, so it is looked up here.
+    # `map(int, ...)` hands a class over without calling it, so the transformation did not see it
+    # and it is looked up here.
     if isinstance(function, type):
         function = CONVERSIONS.get(function, function)
     return map(function, *values)
@@ -183,7 +184,7 @@ def _stream_functions(console: Console) -> dict[str, Any]:
             line = sep.join(map(text, values)) + end
             console.write(cooked(line.encode()))
             return
-        # A stream of the program sees each piece by itself.
+        # A program's stream may tell the pieces apart, so each is written by itself.
         for index, value in enumerate(values):
             if index:
                 write_text(file, sep)
@@ -208,7 +209,8 @@ def _stream_functions(console: Console) -> dict[str, Any]:
                 console.write(key.encode())
             elif key in _BACKSPACES and line:
                 line = line[:-1]
-                # One to the left, and the rest of the line is erased.
+                # A terminal erases a character by going one to the left and erasing the rest of the
+                # line.
                 console.write(b"\b\x1b[K")
         console.write(b"\r\n")
         return line
@@ -217,7 +219,7 @@ def _stream_functions(console: Console) -> dict[str, Any]:
 
 
 def open_(*args: object, **kwargs: object) -> None:
-    # A hub has no files: ENOENT.
+    # A hub has no files, so this is always ENOENT.
     raise HubOSError(2)
 
 
@@ -229,8 +231,8 @@ def hash_(value: Any, /) -> int:
     value_hash = hash_of(value)
     if value_hash is not None:
         return value_hash
-    # By the address, whose lowest bits are equal for all objects.
-    # A bound method is a new object at each access, with the same hash.
+    # A hub hashes by the address, of which the lowest bits are equal for all objects. A bound
+    # method is a new object at each access, but keeps its hash.
     if isinstance(value, MethodType):
         address = id(value.__self__) ^ id(value.__func__)
     else:
@@ -240,7 +242,7 @@ def hash_(value: Any, /) -> int:
 
 def _delete_global(name: str) -> None:
     """``del name`` outside functions."""
-    # Of the program, which calls this in place of the statement.
+    # The caller is the program, whose statement this call replaces.
     names = sys._getframe(1).f_globals
     if name not in names:
         raise KeyError(name)
@@ -317,14 +319,14 @@ def _run(
     globals: dict[str, Any] | None,
     locals: Any,
 ) -> Any:
-    # That of the program which called `eval` or `exec`.
+    # This frame, two calls up, is that of the program which called `eval` or `exec`.
     frame = sys._getframe(2)
     if not (isinstance(globals, dict | None) and isinstance(locals, dict | None)):
         raise TypeError
     if globals is None:
         return eval(code, frame.f_globals, _namespace(frame) if locals is None else locals)
-    # CPython's byte code goes past the methods of a subclass of dict, which keep the slots of a
-    # hub's: so it runs with a plain copy, whose changes are written back.
+    # CPython's byte code does not use the methods of a subclass of dict, which keep a hub's slots.
+    # So it runs with a plain copy, whose changes are written back.
     names = dict(globals) if isinstance(globals, HubDict) else globals
     added = {"__builtins__", "__name__"} - names.keys()
     for name in added:

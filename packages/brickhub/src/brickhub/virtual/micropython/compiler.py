@@ -24,7 +24,7 @@ _LEADING_ZERO = re.compile(
 """Numbers such as 012, outside of texts and comments."""
 _HEADER_BYTES = 4
 """Bytes before the first number of an ``.mpy`` file: letter, version, flags, bits of an integer."""
-# Kinds of constants in an `.mpy` file (`MP_PERSISTENT_OBJ_...` in `py/persistentcode.h`).
+# An `.mpy` file has these kinds of constants (`MP_PERSISTENT_OBJ_...` in `py/persistentcode.h`).
 _TEXT = (5, 6)
 _INTEGER = 7
 _FLOAT = 8
@@ -33,7 +33,8 @@ _WITHOUT_DATA = 4
 """The last of the kinds that are a value by themselves, such as ``None``."""
 _KINDS_OF_NAMES = ("co_names", "co_varnames", "co_cellvars", "co_freevars")
 _MAX_DIGITS = 20
-"""More than any integer of 31 bits has, and few enough to be read at once."""
+"""Number of digits that is more than any integer of 31 bits has, and few enough to be read at
+once."""
 
 
 @dataclass
@@ -108,7 +109,8 @@ class _Loser(ast.NodeTransformer):
 
     def visit_ListComp(self, node: _Comprehension) -> ast.AST:
         first = node.generators[0]
-        # The first iterable is computed in the scope around, so it is taken out meanwhile.
+        # The first iterable is computed in the scope around the comprehension, so it is taken out
+        # meanwhile.
         iterable = self.visit(first.iter)
         first.iter = ast.Constant(None)
         reads = _loaded(node) - _targets(node)
@@ -124,12 +126,13 @@ class _Loser(ast.NodeTransformer):
         self.generic_visit(node)
         name = node.target.id
         reads = self._scopes[-1].reads
-        # The scope around the innermost one; that itself at the top level.
+        # At the top level there is only one scope, which then stands for the one around it.
         around = self._scopes[-2:][0]
-        # Only a comprehension has `reads`.
+        # Only a comprehension has `reads`, and only a function loses assignments.
         if reads is None or around.keeps or name in around.declared:
             return node
-        # Both numbers are the same where the comprehension reads all variables of the function.
+        # Where the comprehension reads all variables of the function, both numbers are the same and
+        # the value is kept.
         if around.variables is not None and name in reads and reads >= around.variables:
             return node
         around.lost.add(name)
@@ -180,7 +183,8 @@ def _assigned(nodes: Collection[ast.AST]) -> Iterator[str]:
             yield node.asname or node.name.partition(".")[0]
         elif isinstance(node, ast.ExceptHandler | _Function | ast.ClassDef) and node.name:
             yield node.name
-        # Of a comprehension only `:=` reaches the scope around; functions and classes have theirs.
+        # Only `:=` leaves a comprehension for the scope around it. Functions and classes have
+        # scopes of their own.
         if isinstance(node, _Comprehension):
             for part in ast.walk(node):
                 if isinstance(part, ast.NamedExpr):
@@ -197,19 +201,19 @@ def compile_source(
 ) -> CodeType:
     """Code of a program, or of an expression (``mode="eval"``). Raises SyntaxError if the hub's
     compiler refuses it, OverflowError if a constant needs more than 31 bits."""
-    # The hub's own compiler goes first: what it refuses is refused in its words, and CPython's
-    # compiler sees only programs that are right.
+    # The hub's own compiler goes first, so that what it refuses is refused in its words, and
+    # CPython's compiler sees only programs that are right.
     mpy = _compile_for_hub(source, filename)
     floats: list[str] = []
     for kind, value in _constants(mpy):
         # A hub reads the digits before the sign, so the range is the same on both sides of 0.
         if kind == _INTEGER and (len(value) > _MAX_DIGITS or abs(int(value)) > SMALL_MAX):
             raise OverflowError("long int not supported in this build")
-        # What `eval` and `exec` compile on the hub has no text of constants.
+        # The hub compiles for `eval` and `exec` itself, and keeps no text of constants there.
         if kind == _FLOAT and filename != STRING:
             floats.append(value.decode())
     with deep_recursion(), warnings.catch_warnings():
-        # CPython's advice on style is not for a program that runs on a hub.
+        # CPython's advice on style does not apply to a program for a hub.
         warnings.simplefilter("ignore", SyntaxWarning)
         warnings.simplefilter("ignore", DeprecationWarning)
         tree = parse(source, filename, mode)
@@ -230,14 +234,14 @@ def compile_source(
 
 
 def _mangled(tree: ast.AST, source: str) -> re.Pattern[str] | None:
-    """What CPython makes of names such as ``__speed`` in the classes of a program; ``None`` if it
-    has none."""
-    # CPython leaves out the underscores at the beginning of a class's name.
+    """Pattern of the names that CPython makes of those such as ``__speed`` in the classes of a
+    program; ``None`` if it has none."""
+    # CPython drops the underscores at the beginning of a class's name.
     classes: set[str] = set()
     for node in ast.walk(tree):
         if isinstance(node, ast.ClassDef):
             classes.add(node.name.lstrip("_"))
-    # One that has underscores alone mangles nothing.
+    # A class name of underscores alone mangles nothing.
     classes.discard("")
     if not classes or "__" not in source:
         return None
@@ -248,7 +252,7 @@ def _mangled(tree: ast.AST, source: str) -> re.Pattern[str] | None:
 def compile_string(source: str, mode: str = "exec") -> CodeType:
     """Code of what ``exec`` or ``eval`` (``mode="eval"``) get, from the compiler on the hub itself,
     which is stricter than mpy-cross. Raises as `compile_source`."""
-    # mpy-cross takes leading zeros; the compiler in the firmware refuses them.
+    # mpy-cross accepts leading zeros, but the compiler in the firmware does not.
     for match in _LEADING_ZERO.finditer(source):
         if match["number"]:
             number = match["number"].replace("_", "")
@@ -256,7 +260,7 @@ def compile_string(source: str, mode: str = "exec") -> CodeType:
             raise _at_line(1, SyntaxError(message))
     is_expression = mode == "eval"
     program = source.strip() if is_expression else source
-    # An expression has to begin where its text does; what follows it may be anything blank.
+    # An expression has to begin with its text, but may be followed by anything blank.
     first = source[:1]
     if is_expression and first in (" ", "\t"):
         raise _at_line(1, IndentationError("unexpected indent"))
@@ -267,19 +271,19 @@ def compile_string(source: str, mode: str = "exec") -> CodeType:
     except SyntaxError as error:
         last_line = source.count("\n") + 1
         error.lineno = min(error.lineno or 1, last_line)
-        # An error of CPython has more than a message, which is all that the hub's has.
+        # CPython's error has more than the message, which is all that a hub's has.
         if len(error.args) > 1:
             error.args = ("invalid syntax",) if is_expression else error.args[:1]
             error.msg = error.args[0]
         raise
     nodes = list(ast.walk(parse(source, STRING, mode)))
-    # mpy-cross knows f-strings; the compiler in the firmware does not.
+    # mpy-cross knows f-strings, but the compiler in the firmware does not.
     for node in nodes:
         if isinstance(node, ast.JoinedStr):
             raise _at_line(node.lineno, SyntaxError("invalid syntax"))
     for node in nodes:
         value = node.value if isinstance(node, ast.Constant) else None
-        # The digits of -1073741824 are read before the sign.
+        # The digits of -1073741824 are read before the sign, and are too large by themselves.
         if type(value) is int and value > SMALL_MAX:
             raise OverflowError("long int not supported in this build")
     return code
@@ -298,17 +302,17 @@ def _recursive_names(tree: ast.AST) -> set[str]:
     for node in ast.walk(tree):
         if isinstance(node, ast.ClassDef):
             methods.update(node.body)
-    # By name alone: of two functions with one name each calls what both call.
+    # Functions are told apart by name alone, so two of one name call what either calls.
     calls: dict[str, set[str]] = {}
     for node in ast.walk(tree):
         if isinstance(node, _Function):
             name = f".{node.name}" if node in methods else node.name
             called = calls.setdefault(name, set())
             called.update(_called_names(node))
-    # Only what the program defines.
+    # Only calls of what the program defines matter.
     for called in calls.values():
         called &= calls.keys()
-    # Warshall's algorithm: who reaches a function also reaches what that one reaches.
+    # This is Warshall's algorithm: whoever reaches a function also reaches what that one reaches.
     for middle, beyond in calls.items():
         for reached in calls.values():
             if middle in reached:
@@ -329,7 +333,6 @@ def _with_names_of_hub(
 ) -> CodeType:
     """Name comprehensions, which `transform` makes generators, as a hub does, and undo name
     mangling, which it does not have, of names that are not among the ``words`` of the source."""
-    # The code of a function is a constant of the code around it.
     constants = tuple(
         _with_names_of_hub(constant, mangled, words) if isinstance(constant, CodeType) else constant
         for constant in code.co_consts
@@ -344,7 +347,7 @@ def _with_names_of_hub(
         return code
 
     def demangled(name: str) -> str:
-        # A program may write `_Robot__speed` itself, which stays.
+        # A program may write `_Robot__speed` itself, and such a name stays.
         match = None if name in words else mangled.fullmatch(name)
         return match[1] if match else name
 
@@ -359,7 +362,7 @@ def _compile_for_hub(source: str, filename: str) -> bytes:
     mpy, report = cross_compile(source, filename)
     if mpy is not None:
         return mpy
-    # The report is a traceback as a hub prints it: the place, then the class and its message.
+    # The report is a traceback as on a hub: the place, then the class of the error and its message.
     kind, _, message = report.splitlines()[-1].partition(": ")
     error_class = IndentationError if kind == "IndentationError" else SyntaxError
     error = error_class(message or kind)
@@ -395,7 +398,7 @@ def _constants(mpy: bytes) -> Iterator[tuple[int, bytes]]:
     constants = number()
     for _ in range(names):
         length = number()
-        # An odd number is one of the firmware's own names, and no text follows.
+        # An odd number is one of the firmware's own names, which no text follows.
         is_in_firmware = length & 1
         if not is_in_firmware:
             zero_byte = 1
@@ -404,11 +407,11 @@ def _constants(mpy: bytes) -> Iterator[tuple[int, bytes]]:
         constants -= 1
         kind = mpy[position]
         position += 1
-        # The items of a tuple follow it, as constants.
+        # The items of a tuple follow as constants of their own.
         if kind == _TUPLE:
             constants += number()
         elif kind > _WITHOUT_DATA:
             length = number()
             yield kind, mpy[position : position + length]
-            # Texts end with a zero byte that their length does not count.
+            # A text ends with a zero byte, which its length does not count.
             position += length + (kind in _TEXT)

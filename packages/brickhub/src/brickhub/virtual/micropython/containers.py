@@ -43,7 +43,7 @@ def hash_of(value: Any) -> int | None:
     kind = type(value)
     if getattr(kind, "hash_is_address", False):
         return None
-    # A method `__hash__` of the program.
+    # A function here is a method `__hash__` of the program.
     if isinstance(kind.__hash__, FunctionType):
         return _small(hash(value))
     if isinstance(value, int):
@@ -56,14 +56,14 @@ def hash_of(value: Any) -> int | None:
         return _small(_float_hash(value))
     if isinstance(value, complex):
         return _small(_float_hash(value.real) ^ _float_hash(value.imag))
-    # Refuses lists, dicts and so on, as on a hub.
+    # `hash` refuses lists, dicts and so on, as on a hub.
     hash(value)
     if isinstance(value, range | memoryview):
         raise TypeError(f"unhashable type: '{type(value).__name__}'")
     if isinstance(value, tuple):
         total = 0
         is_address = False
-        # All items are asked, as one behind may be unhashable.
+        # All items are hashed, because a later one may be unhashable.
         for part in value:
             part_hash = hash_of(part)
             if part_hash is None:
@@ -80,7 +80,8 @@ def _small(value: int) -> int:
 
 
 def _text_hash(data: bytes) -> int:
-    # djb2, of which two bytes are kept; 0 would mean that there is no hash yet (`py/qstr.c`).
+    # This is djb2, of which a hub keeps two bytes; 0 would mean that there is no hash yet
+    # (`py/qstr.c`).
     value = 5381
     for byte in data:
         value = value * 33 ^ byte
@@ -88,7 +89,7 @@ def _text_hash(data: bytes) -> int:
 
 
 def _float_hash(value: float) -> int:
-    """Whole part; saturated to 32 bits, as ARM processors convert."""
+    """Hash of a float: its whole part, saturated to 32 bits, as ARM processors convert."""
     if math.isnan(value):
         return 0
     return int(max(-(2.0**31), min(2.0**31 - 1, value)))
@@ -119,14 +120,14 @@ class HashTable:
     ) -> None:
         slots = self.slots
         size = len(slots)
-        # Open addressing: from the slot of the hash on, the first that is not taken.
+        # With open addressing, a key takes the first free slot from that of its hash on.
         for step in range(size):
             index = (hash_ + step) % size
             if isinstance(slots[index], _Mark):
                 slots[index] = key
                 self._hashes[index] = hash_
                 return
-        # The table is full: all keys go into a greater one, in the order of their slots.
+        # The table is full, so all keys move into a larger one, in the order of their slots.
         entries = [
             (other, other_hash)
             for other, other_hash in zip(slots, self._hashes, strict=True)
@@ -143,13 +144,13 @@ class HashTable:
     def remove(self, key: Any) -> None:
         """Remove an existing key."""
         index = self._index_of(key)
-        # A slot before a free one ends no search, so it may be free itself.
+        # No search passes a slot whose next one is free, so that slot may be free itself.
         after = self.slots[(index + 1) % len(self.slots)]
         self.slots[index] = _FREE if after is _FREE else _DELETED
 
     def _index_of(self, key: Any) -> int:
         for index, other in enumerate(self.slots):
-            # Some keys do not equal themselves, such as NaN.
+            # Identity is tested first, because some keys do not equal themselves, such as NaN.
             if other is key or other == key:
                 return index
         raise KeyError(key)
@@ -226,7 +227,7 @@ class _Slotted:
         *args: Any,
         **kwargs: Any,
     ) -> Any:
-        # Not in `__init__`, which a program's subclass need not call.
+        # The table is made here, because a program's subclass need not call `__init__`.
         result: Any = super().__new__(cls)
         result._table = HashTable()
         return result
@@ -237,7 +238,7 @@ class _Slotted:
         size: int,
         values: Iterable[Any],
     ) -> Self:
-        """With an initial number of slots."""
+        """Make a dict or set with an initial number of slots."""
         result: Any = cls()
         result._table = HashTable(size)
         result.update(values)
@@ -268,7 +269,7 @@ class HubDict(_Slotted, dict[Any, Any]):
         """An ordered dict, as made by the firmware."""
         result = cls()
         dict.update(result, values)
-        # In the order of the firmware's table, whatever the hashes.
+        # The slots are filled in the order of the firmware's table, whatever the hashes.
         result._table.slots = list(values)
         result._table._hashes = [0] * len(values)
         return result
@@ -287,7 +288,7 @@ class HubDict(_Slotted, dict[Any, Any]):
         super().__delitem__(key)
         self._table.remove(key)
 
-    # CPython's dict has it, a hub's not.
+    # CPython's dict has this method, but a hub's does not.
     def __reversed__(self) -> Any:
         raise TypeError("'dict' object is not reversible")
 
@@ -302,7 +303,7 @@ class HubDict(_Slotted, dict[Any, Any]):
 
     def copy(self) -> HubDict:
         result = HubDict()
-        # By `dict`'s own methods, which a program's subclass cannot override.
+        # The methods of `dict` itself are used, because a program's subclass may override its own.
         pairs = [(key, dict.__getitem__(self, key)) for key in self._table]
         dict.update(result, pairs)
         result._table = self._table.copy()
@@ -351,7 +352,7 @@ class HubDict(_Slotted, dict[Any, Any]):
         /,
         **named: Any,
     ) -> None:
-        # Only a dict itself is one to a hub; what a subclass iterates over it takes for pairs.
+        # A hub takes only a dict itself for one. What a subclass iterates over is taken for pairs.
         pairs = other.items() if type(other) is HubDict else other
         for entry in itertools.chain(pairs, named.items()):
             pair = list(entry)
@@ -382,7 +383,7 @@ class DictView:
         return TableIterator(owner._table, lambda key: (key, dict.__getitem__(owner, key)))
 
     def __hash__(self) -> int:
-        # A hub gives the address of `values()` only (`py/objdict.c`).
+        # A hub gives only the address of `values()` (`py/objdict.c`).
         if self.kind != "values":
             raise TypeError("unhashable type: 'dict_view'")
         return id(self)
@@ -463,7 +464,8 @@ class HubSet(_Slotted, set[Any]):
             else:
                 self.add(value)
 
-    # A hub's takes one argument, CPython's any number; likewise `union` and `intersection`.
+    # A hub's method takes one argument, but CPython's any number. The same holds for `union` and
+    # `intersection`.
     def intersection_update(self, other: Iterable[Any], /) -> None:  # type: ignore[override]
         common = self.intersection(other)
         set.intersection_update(self, common)
@@ -476,7 +478,8 @@ class HubSet(_Slotted, set[Any]):
 
     def difference(self, *others: Iterable[Any]) -> HubSet:
         result = self.copy()
-        # In place of the set itself its copy, which `difference_update` clears.
+        # The set itself is replaced by its copy, because `difference_update` clears what it is
+        # given.
         removed = [result if other is self else other for other in others]
         result.difference_update(*removed)
         return result
@@ -489,7 +492,7 @@ class HubSet(_Slotted, set[Any]):
     def intersection(self, other: Iterable[Any], /) -> HubSet:  # type: ignore[override]
         if other is self:
             return self.copy()
-        # In the order of the other one, which decides the slots.
+        # The other set gives the order, which decides the slots.
         return HubSet(value for value in other if value in self)
 
     __or__ = _operator("union")
@@ -502,7 +505,7 @@ class HubSet(_Slotted, set[Any]):
     __iand__ = _operator("intersection_update")
 
 
-# Programs see the classes' names in texts and messages.
+# Programs see the names of these classes in texts and messages.
 for _kind, _name in (
     (HubDict, "dict"),
     (HubSet, "set"),

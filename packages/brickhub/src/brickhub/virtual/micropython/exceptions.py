@@ -16,13 +16,11 @@ from types import (
 )
 from typing import Any, TypeGuard
 
-from greenlet import GreenletExit
-
 from brickhub.errors import SceneError, WriteError
 
 FIRMWARE = __name__.partition(".")[0] + "."
 """Beginning of the names of modules with native classes."""
-# A list would take a line for each.
+# A list of texts would take a line for each.
 EXCEPTIONS = """
     ArithmeticError AssertionError AttributeError BaseException EOFError Exception GeneratorExit
     ImportError IndentationError IndexError KeyError KeyboardInterrupt LookupError MemoryError
@@ -30,7 +28,7 @@ EXCEPTIONS = """
     SyntaxError SystemExit TypeError UnicodeError ValueError ZeroDivisionError
 """.split()  # noqa: SIM905
 """Exceptions common to hub and CPython; ``OSError`` is replaced."""
-# The few that the firmware raises.
+# The firmware raises only these few.
 ERROR_NAMES = {
     errno.EPERM: "EPERM",
     errno.EIO: "EIO",
@@ -43,8 +41,8 @@ ERROR_NAMES = {
     errno.ECANCELED: "ECANCELED",
 }
 CATCHABLE = (Exception, SystemExit, KeyboardInterrupt, GeneratorExit)
-"""What a program can catch: not what stops it from outside."""
-# A hub names the operation by its method.
+"""Errors that a program can catch, which do not include what stops it from outside."""
+# A hub names an operation by its method.
 _OPERATORS = {
     "+": "__add__",
     "-": "__sub__",
@@ -63,7 +61,7 @@ _OPERATORS = {
     "<=": "__le__",
     ">": "__gt__",
     ">=": "__ge__",
-    # What changes its left operand in place falls back to the plain operation, and names that.
+    # A hub falls back from an operation in place to the plain one, which its message then names.
     "+=": "__add__",
     "-=": "__sub__",
     "&=": "__and__",
@@ -78,7 +76,7 @@ _CLASS_NAMES = (
     (r"\b\w+_reverseiterator\b", "reversed"),
     (r"(?<=['\"])ellipsis(?=['\"])|(?<=convert )ellipsis(?= to)", ""),
     (r"^byte(?= indices)", "bytes"),
-    # Not where it is the name of an attribute or argument of the program.
+    # An attribute or argument of the program may have this name, and is left alone.
     (r"(?<!attribute )(?<!argument )(['\"])method(?=['\"])", r"\1bound_method"),
     (r"(?<=convert )method(?= to)", "bound_method"),
 )
@@ -105,25 +103,23 @@ class ProgramInterrupt(KeyboardInterrupt):
     """The hub's KeyboardInterrupt, unrelated to this computer's keyboard."""
 
 
-# What a program and its traceback call it.
+# A program and its traceback use this name.
 ProgramInterrupt.__name__ = "KeyboardInterrupt"
 
 
 def is_program_error(error: BaseException) -> bool:
     """Whether the program raised it, not an external stop, a failing scene or a film that cannot be
     written."""
-    # First, as it is a KeyboardInterrupt too.
+    # This comes first, because it is a KeyboardInterrupt too.
     if isinstance(error, ProgramInterrupt):
         return True
-    return not isinstance(
-        error, HostStop | SceneError | WriteError | KeyboardInterrupt | GreenletExit
-    )
+    return not isinstance(error, HostStop | SceneError | WriteError | KeyboardInterrupt)
 
 
 class HubOSError(OSError):
     """``OSError`` of a hub: ``errno`` is the first argument, there are no subclasses."""
 
-    # CPython takes a third argument for the name of a file, and leaves it out of `args`.
+    # CPython takes a third argument for a file's name, and leaves it out of `args`.
     def __init__(self, *args: object) -> None:
         self.args = args
 
@@ -144,8 +140,8 @@ def _types(
     of a comparison."""
     left = "int" if left == "bool" else left
     right = "int" if right == "bool" and operator not in _COMPARISONS else right
-    # An integer beside a float is refused before the fall-back to the plain operation, and one in
-    # place has no name (`mp_binary_op`, `py/runtime.c`).
+    # An integer beside a float is refused before the plain operation is tried, and an operation in
+    # place has no name then (`mp_binary_op`, `py/runtime.c`).
     is_in_place = operator in ("&=", "|=", "^=")
     is_nameless = is_in_place and left == "int" and right in ("float", "complex")
     name = "" if is_nameless else _OPERATORS.get(operator, operator)
@@ -157,8 +153,8 @@ def _argument_count(name: str, arguments: str) -> int:
     return int(arguments) + (not hasattr(builtins, name))
 
 
-# Tried from the first on, and the first that fits counts: special messages stand before general
-# ones, such as those of the containers below before that of any function.
+# The first rule that fits counts. So special messages stand before general ones, such as those of
+# the containers below before that of any function.
 _RULES: tuple[tuple[type[BaseException], str, str | Callable[[re.Match[str]], str]], ...] = (
     (
         AttributeError,
@@ -190,7 +186,7 @@ _RULES: tuple[tuple[type[BaseException], str, str | Callable[[re.Match[str]], st
         r"'\1\2' object isn't iterable",
     ),
     (TypeError, r"must be real number, not (.*)", r"can't convert \1 to float"),
-    # Mostly `values[len(values) / 2 :]`.
+    # Programs mostly get this from `values[len(values) / 2 :]`.
     (TypeError, r"slice indices must be integers or None .*", "can't convert float to int"),
     (
         TypeError,
@@ -455,14 +451,14 @@ def reword(error: BaseException, namespaces: Sequence[Mapping[str, object]]) -> 
     modules. Returns the error."""
     if _is_raised_by_program(error):
         return error
-    # A hub's has no message.
+    # A hub raises a UnicodeError without a message.
     if isinstance(error, UnicodeError):
         error.args = ()
     has_message = len(error.args) == 1 and isinstance(error.args[0], str)
     if not has_message or not isinstance(error, Exception):
         return error
     message = error.args[0]
-    # The names of classes first, as the rules below are for the rest of a message.
+    # Names of classes are replaced first, because the rules below are for the rest of a message.
     if isinstance(error, TypeError):
         message = _FUNCTION.sub(lambda match: _operand_name(error), message)
     if isinstance(error, TypeError | AttributeError):
@@ -471,7 +467,7 @@ def reword(error: BaseException, namespaces: Sequence[Mapping[str, object]]) -> 
     reworded = _by_rule(error, message)
     if reworded is not None:
         error.args = (reworded,) if reworded else ()
-        # Its text is this, not its argument.
+        # An ImportError shows this attribute and not its argument.
         if isinstance(error, ImportError):
             error.msg = reworded
         return error
@@ -496,7 +492,7 @@ def _is_raised_by_program(error: BaseException) -> bool:
     code = trace.tb_frame.f_code.co_code
     operation = code[trace.tb_lasti]
     arguments = code[trace.tb_lasti + 1]
-    # `raise` alone, which raises again, has none.
+    # A bare `raise` raises an error again and has no argument.
     return operation == _RAISE and arguments > 0
 
 
@@ -518,7 +514,7 @@ def function_name(function: object) -> str:
         return "bound_method" if is_bound else "function"
     if function.__closure__ and is_own(function):
         return "closure"
-    # A method stands in a class, inside of the function around, if there is one.
+    # A method stands in a class, which may itself be inside of a function.
     local_name = function.__qualname__.rsplit("<locals>.", maxsplit=1)[-1]
     if "." in local_name:
         return "bound_method"
@@ -544,7 +540,7 @@ def _operand_name(error: BaseException) -> str:
         frame = trace.tb_frame
         if "@n" not in frame.f_builtins:
             continue
-        # What the line loaded before it failed, by the names in its byte code.
+        # These are the names that the line had loaded before it failed, by its byte code.
         values = {**frame.f_globals, **frame.f_locals}
         names = set()
         for step in dis.get_instructions(frame.f_code):
@@ -554,7 +550,7 @@ def _operand_name(error: BaseException) -> str:
             value = values.get(step.argval)
             if is_own(value):
                 names.add(function_name(value))
-    # Of several nobody knows which one failed.
+    # If there are several, nobody knows which one failed.
     return names.pop() if len(names) == 1 else "function"
 
 
@@ -612,8 +608,8 @@ def _function_of_program(
         function = _find(name, names)
         if function is not None:
             return function
-    # A lambda or an inner function, which has no place in a namespace: it is the value of a
-    # variable somewhere.
+    # A lambda or an inner function has no name in a namespace, so it is looked for among the values
+    # of all variables.
     values = [value for trace in traces for value in local_values(trace.tb_frame)]
     for names in namespaces:
         values += names.values()
@@ -647,7 +643,8 @@ def _own_call_message(
             return f"function missing required keyword argument '{missing[1]}'"
         return "function missing keyword-only argument"
 
-    # What an inner function keeps of the one around are its first arguments on a hub.
+    # On a hub, the first arguments of an inner function are what it keeps of the function around
+    # it.
     cells = len(code.co_freevars)
     total = code.co_argcount + cells
     required = total - len(function.__defaults__ or ())
@@ -672,7 +669,7 @@ def _language_call_message(
 ) -> str | None:
     """Message for a wrong number of arguments of a builtin or of a module of the language, which
     are not named."""
-    # Whatever the program can call: its variables, the builtins, what is in its modules.
+    # A program can call its variables, the builtins, and what is in its modules.
     values = [*frame.f_globals.values(), *frame.f_locals.values()]
     modules = [value for value in values if isinstance(value, ModuleType)]
     values += frame.f_builtins.values()
@@ -692,10 +689,10 @@ def _language_call_message(
     )
     if not is_of_language or not numbers:
         return None
-    # Without `self`, which the program does not write.
+    # `self` does not count, because the program does not write it.
     total = function.__code__.co_argcount - is_method
     required = total - len(function.__defaults__ or ())
-    # CPython says how many are missing, or how many were given.
+    # CPython says either how many arguments are missing or how many were given.
     is_missing = problem.startswith("missing")
     given = required - numbers[0] if is_missing else numbers[-1] - is_method
     if required == total and not function.__code__.co_flags & inspect.CO_VARARGS:
@@ -717,7 +714,7 @@ def _builtin_call_message(problem: str, is_module_function: bool) -> str | None:
     )
     if given is None:
         return None
-    # A method without arguments: the only one is the object itself.
+    # A method without arguments has only the object itself.
     takes_itself_only = given[1] == "1" and "from" not in problem
     if takes_itself_only and not is_module_function:
         return f"function takes 1 positional arguments but {given[2]} were given"
@@ -726,7 +723,7 @@ def _builtin_call_message(problem: str, is_module_function: bool) -> str | None:
 
 def _find(qualified_name: str, names: Mapping[str, object]) -> FunctionType | None:
     """The program's function with a qualified name."""
-    # The name as seen from a namespace: without the functions around.
+    # Names in a namespace do not tell the functions around, so these are cut off.
     first, *others = qualified_name.rsplit(".<locals>.", maxsplit=1)[-1].split(".")
     value = names.get(first)
     for part in others:
@@ -755,7 +752,7 @@ def class_name(kind: type) -> str:
     for ancestor in kind.__mro__:
         name = ancestor.__name__
         is_known = name in EXCEPTIONS or name == "OSError"
-        # Of CPython's own ones a hub lacks many, such as UnboundLocalError.
+        # A hub lacks many of CPython's own exceptions, such as UnboundLocalError.
         is_of_cpython = getattr(builtins, name, None) is ancestor
         if is_known or not is_of_cpython:
             return name

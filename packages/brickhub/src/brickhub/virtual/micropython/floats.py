@@ -32,7 +32,7 @@ _ROUGH_POWERS = {
 }
 """Powers of five that a hub's ``powf`` does not round to the nearest float."""
 _FULL_MANTISSA = 0x19999998
-"""With another digit after this the digits may need more than 32 bits."""
+"""Largest mantissa that takes another digit: beyond it, the digits may need more than 32 bits."""
 _DECIMAL = re.compile(r"(\d*)(?:\.(\d*))?(?:e([+-]?\d+))?", re.IGNORECASE)
 _MAX_DIGITS = 9
 """Digits that tell any two floats of 32 bits apart."""
@@ -70,12 +70,12 @@ def scaled(x: float, exponent: int) -> float:
     of five."""
     if exponent == 0 or x == 0:
         return x
-    # The exponent of a float stands from its 23rd bit on. It wraps around, as in C.
+    # The exponent of a float begins at its 23rd bit. It wraps around, as in C.
     (bits,) = _BITS.unpack(_SINGLE.pack(x))
     exponent_bits = bits + (exponent << 23) & _EXPONENT_BITS
     bits = bits & ~_EXPONENT_BITS | exponent_bits
     (x,) = _SINGLE.unpack(_BITS.pack(bits))
-    # A division by an exact power rounds once; 5**-3 would be rounded itself.
+    # Dividing by an exact power rounds once, but 5**-3 would itself be rounded.
     if -_EXACT_POWERS_OF_FIVE <= exponent < 0:
         return to_single(x / 5.0**-exponent)
     power = _ROUGH_POWERS.get(exponent)
@@ -98,7 +98,7 @@ def read_float(text: str) -> float:
     value = float(text)
     unsigned = text.strip().lstrip("+-").replace("_", "")
     match = _DECIMAL.fullmatch(unsigned)
-    # No digits: infinity, or no number.
+    # Without digits, this is infinity or no number.
     if match is None:
         return value
     whole, fraction, written_exponent = match.groups()
@@ -120,7 +120,7 @@ def read_constant(value: float, texts: Collection[str]) -> float:
     """The float that a hub reads for a constant from a compiled program, whose floats are the
     ``texts``."""
     nearest = min(texts, key=lambda text: abs(float(text) - value), default="nan")
-    # The text differs by the rounding of the compiler.
+    # The compiler's rounding makes the text differ a little.
     is_that = math.isclose(float(nearest), value, rel_tol=1e-14)
     return read_float(nearest if is_that else repr(value))
 
@@ -128,7 +128,7 @@ def read_constant(value: float, texts: Collection[str]) -> float:
 def float_text(x: float) -> str:
     """``str`` and ``repr`` of a float."""
     text = format_float(x, "g", None)
-    # A point, an exponent, or the n of inf and nan shows that it is no integer.
+    # A point, an exponent, or the n of inf and nan shows that a text is no integer.
     return text if any(mark in text for mark in ".en") else text + ".0"
 
 
@@ -171,19 +171,19 @@ def _unsigned(
     else:
         count = precision
         max_exponent = min(precision, width - 3)
-    # What does not fit into the buffer with a point gets an exponent.
+    # A number that does not fit into the buffer with a point gets an exponent.
     if kind == "f" and exponent > 0 and exponent + count + 2 > width:
         kind = "g"
         count = count + 1
 
-    # How many digits: `%f` counts those behind the point, `%e` those behind the first one.
+    # `%f` counts the digits behind the point, and `%e` those behind the first one.
     lead_zeros = 0
     if kind == "f":
         count = min(count, width - 3)
         if exponent >= 0:
             count += exponent + 1
         elif count > 2 and exponent < -2:
-            # Zeros behind the point are no digits to search for.
+            # Zeros behind the point need no search.
             lead_zeros = min(-exponent, count) - 2
             count -= lead_zeros
         else:
@@ -194,7 +194,8 @@ def _unsigned(
     reserved = 3 if kind == "f" else 7
     zeros = min(count - max_digits, width - max_digits - reserved)
 
-    # The fewest digits that read back as the same float; fewer than the safe ones are not tried.
+    # The fewest digits that read back as the same float are wanted. Up to the safe number of digits
+    # all do, so fewer are not tried.
     for digits in range(min(_SAFE_DIGITS, max_digits), max_digits + 1):
         shift = digits - 1 - exponent
         point = 0
@@ -237,7 +238,7 @@ def _written(
 ) -> str:
     """So many digits with a point after the one at index ``point``, a prefix, zeros behind, and the
     exponent of the first digit, for which ``g`` writes zeros up to ``max_exponent``."""
-    # Rounded up to one more digit, such as 9.99 to 10.0.
+    # Rounding up may have carried into one more digit, as from 9.99 to 10.0.
     has_carried = mantissa >= 10**digits
     if has_carried and kind == "f":
         digits = digits + 1
@@ -246,7 +247,7 @@ def _written(
         mantissa = mantissa // 10
         exponent = exponent + 1
 
-    # `%g` writes small exponents with a point or zeros in place of the exponent.
+    # For small exponents `%g` writes a point, or zeros, instead of the exponent.
     if kind == "g" and 0 < exponent < max_exponent:
         point = point + exponent
         exponent = 0
@@ -281,10 +282,10 @@ def _exponent(x: float) -> int:
     """Decimal exponent of the first digit, up to rounding errors of the power."""
     if x == 0:
         return 0
-    # A first guess by the binary exponent, times log10(2).
+    # The first guess is the binary exponent times log10(2).
     binary_exponent = math.frexp(x)[1] - 1
     exponent = int(binary_exponent * to_single(0.3010299956639812))
-    # Powers of ten as the hub computes them, so that it is as far off as on the hub.
+    # Powers of ten are computed as on the hub, to be off by as much as there.
     if x >= 1:
         while x >= scaled(1.0, exponent + 1):
             exponent += 1
@@ -311,7 +312,8 @@ def _search(
             read_back = read_digits(mantissa, -shift)
         return to_single(read_back - x)
 
-    # More digits than are safe are computed without the last one or two, which are searched for.
+    # Beyond the safe number of digits, the last one or two are left out at first and then searched
+    # for.
     extra = digits - _SAFE_DIGITS
     first = 1
     if extra > 0 and shift > 1:
@@ -322,7 +324,7 @@ def _search(
     difference = difference_of(mantissa)
     best = mantissa
     best_difference = difference
-    # By halves, towards the float, until the steps are 1.
+    # The search moves towards the float and halves its steps, down to 1.
     step = 8**extra if extra > 0 else 1
     for _ in range(3 + 3 * (_MAX_DIGITS - _SAFE_DIGITS)):
         if difference == 0:
@@ -330,7 +332,8 @@ def _search(
         mantissa += step if difference < 0 else -step
         difference = difference_of(mantissa)
         gain = abs(best_difference) - abs(difference)
-        # Of two that are equally near the one that ends with a zero, which is not written.
+        # If two are equally near, the one that ends with a zero is better, because that zero is not
+        # written.
         is_better = gain > 0 or (gain == 0 and mantissa % 10 == 0)
         if difference and is_better:
             best = mantissa

@@ -16,7 +16,7 @@ from brickhub.virtual.micropython.memory import check_allocation, extend, items_
 
 def _to_bytes(values: Any) -> Any:
     """``bytes(values)``: of a size, a buffer or an iterable."""
-    # CPython takes it for a size of 0 or 1.
+    # CPython would take a truth value for a size of 0 or 1.
     if isinstance(values, bool):
         raise TypeError("'bool' object isn't iterable")
     if isinstance(values, int):
@@ -30,7 +30,7 @@ def _to_bytes(values: Any) -> Any:
 def _star(values: Any) -> Any:
     """Arguments ``*values``, whose number the hub asks for first, as it makes room for them and the
     function."""
-    # These are in memory already, and measured.
+    # These are in memory already, and have been measured.
     if isinstance(values, list | tuple | str | bytes | dict):
         return values
     if isinstance(values, range):
@@ -40,7 +40,7 @@ def _star(values: Any) -> Any:
 
 def _extend(owner: Any, values: Any) -> Any:
     """``owner.extend(values)``."""
-    # Anything else may have a method of that name, a program's subclass of a list too.
+    # Another object may have a method of this name, such as a program's subclass of list.
     is_plain_list = isinstance(owner, list) and type(owner).extend is list.extend
     if not is_plain_list or isinstance(values, list | tuple):
         return owner.extend(values)
@@ -55,7 +55,7 @@ def _join(owner: Any, values: Any) -> Any:
     separator_bytes = len(owner)
     size_bytes = 0
     for part in parts:
-        # Other parts `join` refuses.
+        # Parts of other kinds are left for `join` to refuse.
         if isinstance(part, str | bytes):
             size_bytes += len(part) + separator_bytes
     check_allocation(size_bytes)
@@ -100,7 +100,7 @@ def _throw(
     **kwargs: Any,
 ) -> Any:
     """``generator.throw(...)``; a generator that has ended remains so."""
-    # CPython would raise what is thrown.
+    # CPython would raise what is thrown into a generator that has ended.
     if isinstance(generator, GeneratorType) and generator.gi_frame is None:
         raise StopIteration
     _ending.calls += 1
@@ -112,7 +112,7 @@ def _throw(
 
 def is_dropped() -> bool:
     """Whether CPython ends a generator now that a program has dropped."""
-    # Without a call that ends one, only CPython itself throws a GeneratorExit.
+    # If no call is ending a generator, only CPython itself throws a GeneratorExit.
     return not _ending.calls and isinstance(sys.exc_info()[1], GeneratorExit)
 
 
@@ -166,7 +166,8 @@ def _sort(
     reverse: Any = False,
 ) -> None:
     kinds = set(map(type, items))
-    # Equal elements are the same in every respect, so any way of sorting gives the same list.
+    # Equal integers or texts are the same in every respect, so any way of sorting gives the same
+    # list.
     if key is None and kinds in ({int}, {str}):
         items.sort(reverse=bool(reverse))
         return
@@ -190,7 +191,7 @@ def _is_less(a: Any, b: Any) -> Any:
     if type(a) not in (list, tuple) or type(b) is not type(a):
         return a < b
     for x, y in zip(a, b, strict=False):
-        # `!=` may be another method.
+        # `!=` is not used, because the program may have made it another method.
         if x is not y and not x == y:  # noqa: SIM201
             return y > x
     return len(a) < len(b)
@@ -206,7 +207,8 @@ def _quicksort(
     """Sort ``items[first:last + 1]`` so that ``<`` gives ``is_less``; keys are computed for each
     comparison."""
     while first < last:
-        # The last item, as on a hub; another pivot would change the order of equal elements.
+        # A hub takes the last item as its pivot, and another one would change the order of equal
+        # elements.
         pivot = key(items[last])
         low = first
         high = last - 1
@@ -221,7 +223,8 @@ def _quicksort(
             low = low + 1
             high = high - 1
         items[low], items[last] = items[last], items[low]
-        # The smaller part is sorted by a call, the greater one by this loop, so the calls are few.
+        # The smaller part is sorted by a call and the larger one by this loop, which keeps the
+        # calls few.
         if high - first < last - low - 1:
             _quicksort(items, first, high, key, is_less)
             first = low + 1

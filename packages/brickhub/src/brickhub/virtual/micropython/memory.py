@@ -58,7 +58,8 @@ def extend(
 ) -> None:
     """Append an iterable's items one by one. Raises MemoryError if there are more than fit on any
     hub."""
-    # One more than fits, so that a list that is too long shows, and an endless iterable ends.
+    # One more than fits is taken, so that a list that is too long shows, and an endless iterable
+    # ends.
     items.extend(itertools.islice(values, MOST_BYTES // item_bytes + 1))
     check_allocation(item_bytes * len(items))
 
@@ -80,7 +81,7 @@ class Heap:
     def statistics(self) -> tuple[int, int]:
         """Bytes of all objects that the program can reach, and of the rest, negative if they do not
         fit."""
-        # What a program can reach: its globals, and the variables of functions that run.
+        # A program can reach its globals, and the variables of functions that are running.
         reachable: list[Any] = [*self.namespaces]
         frame: FrameType | None = sys._getframe()
         while frame is not None:
@@ -91,7 +92,7 @@ class Heap:
         seen = set[int]()
         while reachable:
             value = reachable.pop()
-            # A hub's integers are in their references.
+            # A hub keeps integers inside of references, so they take no memory.
             if value is None or isinstance(value, int) or id(value) in seen:
                 continue
             seen.add(id(value))
@@ -107,15 +108,15 @@ class Heap:
         growth = max(0, used_bytes - self._used_bytes)
         self._used_bytes = used_bytes
         branch_bytes = growth // self._interval
-        # Looking at all objects takes long, so a program that does not grow is looked at less and
-        # less; one that does, again when it has taken a quarter of what is free.
+        # Looking at all objects takes long. A program that does not grow is looked at less and
+        # less, and one that does again when it has taken a quarter of what is free.
         stretch = 2.0
         if growth:
             stretch = min(2.0, free_bytes / (4 * growth))
         longest = self._interval * stretch
         self._interval = max(1, min(round(longest), _LONGEST_INTERVAL))
         if free_bytes < 0:
-            # Small objects have filled the heap: nothing is left for a message.
+            # Small objects have filled the heap, so nothing is left for a message.
             if branch_bytes < _LONG_BYTES:
                 raise MemoryError
             raise MemoryError(f"memory allocation failed, allocating {branch_bytes} bytes")
@@ -134,7 +135,8 @@ def _size_and_parts(value: Any) -> tuple[int, Iterable[Any]]:
         case list():
             return _with_block(_REFERENCE_BYTES * _slots(value)), value
         case tuple():
-            # The items stand in the object itself, behind its class and their number.
+            # A tuple has no block beside the object, because its items stand in it, behind its
+            # class and their number.
             items_bytes = _REFERENCE_BYTES * len(value)
             return _blocks(8 + items_bytes), value
         case dict():
@@ -156,7 +158,7 @@ def _size_and_parts(value: Any) -> tuple[int, Iterable[Any]]:
         case _ if not is_native(type(value)) and hasattr(value, "__dict__"):
             attributes = value.__dict__
             return _with_block(_PAIR_BYTES * len(attributes)), attributes.values()
-    # Native classes and functions are in the firmware's flash memory.
+    # Native classes and functions are in the firmware's flash memory, and take none.
     if isinstance(value, type | FunctionType):
         return 0, ()
     return _OBJECT, ()
@@ -165,22 +167,22 @@ def _size_and_parts(value: Any) -> tuple[int, Iterable[Any]]:
 def _size_and_parts_of_function(function: FunctionType) -> tuple[int, Iterable[Any]]:
     cells = function.__closure__ or ()
     defaults = function.__defaults__ or ()
-    # A closure is an object beside its function.
+    # A closure takes a second object beside its function.
     objects = 2 if cells else 1
     return objects * BLOCK_BYTES, (*cells, *defaults)
 
 
 def _size_of_generator(value: "GeneratorType[Any, Any, Any] | CoroutineType[Any, Any, Any]") -> int:
     code = value.gi_code if isinstance(value, GeneratorType) else value.cr_code
-    # It keeps the variables of its function, and room for what that computes.
+    # A generator keeps the variables of its function, and room for what that computes.
     kept = code.co_nlocals + code.co_stacksize
     return _with_block(_REFERENCE_BYTES * kept)
 
 
 def _size_and_parts_of_dict(value: dict[Any, Any]) -> tuple[int, Iterable[Any]]:
-    # CPython keeps names such as `__builtins__` in a namespace; a hub keeps none of them.
+    # CPython keeps names such as `__builtins__` in a namespace, but a hub does not.
     names = [name for name in value if not (isinstance(name, str) and name.startswith("__"))]
-    # Most texts are in the table of names, which belongs to the program, not to its heap.
+    # Most texts are in the table of names, which belongs to the program and not to its heap.
     keys = [name for name in names if not isinstance(name, str)]
     values = [value[name] for name in names]
     size_bytes = _with_block(_PAIR_BYTES * len(names))
@@ -199,7 +201,7 @@ def _blocks(size_bytes: int) -> int:
 
 def _slots(items: list[Any]) -> int:
     """Slots of a list: as many as items at first, at least 4; twice as many whenever it is full."""
-    # CPython too has spare slots, of 8 bytes, only in a list that has grown.
+    # CPython's list has spare slots too, of 8 bytes, but only after it has grown.
     spare_bytes = sys.getsizeof(items) - sys.getsizeof([]) - 8 * len(items)
     if spare_bytes <= 0:
         return max(4, len(items))
@@ -207,7 +209,8 @@ def _slots(items: list[Any]) -> int:
 
 
 def most_nested_calls(hub: AnyHub) -> int:
-    """How many functions, and the program itself, can wait for each other on a kind of hub."""
+    """Number of functions, with the program itself, that can wait for each other on a kind of
+    hub."""
     free_bytes = hub.model.stack_bytes - _KEPT_BYTES
     return free_bytes // (hub.model.call_bytes + _VARIABLES_BYTES)
 
@@ -218,7 +221,7 @@ def check_of_calls(most: int) -> Callable[[Any], Any]:
 
     def callee(function: Any) -> Any:
         if is_own(getattr(function, "__func__", function)):
-            # Counted anew: an exception may have left any number of calls at once.
+            # Calls are counted anew, because an exception may have left any number of them at once.
             nested = 0
             frame: FrameType | None = sys._getframe(1)
             while frame is not None:

@@ -16,7 +16,7 @@ from brickhub.virtual.micropython.text import to_number
 
 _MASK = 0xFFFFFFFF
 _PI = to_single(math.pi)
-# The hub's C compiler computes these, so they are rounded once.
+# The hub's C compiler computes these constants, so they are rounded once.
 _RADIANS = to_single(_PI / 180)
 _DEGREES = to_single(180 / _PI)
 _BINARY_FUNCTIONS = ("atan2", "pow", "fmod", "copysign")
@@ -40,7 +40,7 @@ def module(
 ) -> ModuleType:
     """A module with these names, and with functions by their own; ours may end with ``_``."""
     result = ModuleType(module_name)
-    # CPython puts names such as `__loader__` into modules.
+    # CPython puts names such as `__loader__` into modules, which a hub does not have.
     result.__dict__.clear()
     result.__dict__.update({"__name__": module_name, **names})
     result.__dict__.update((function.__name__.rstrip("_"), function) for function in functions)
@@ -52,8 +52,8 @@ def _as_float(value: Any) -> float:
 
 
 def math_module() -> ModuleType:
-    # Functions that a program calls are in here: `exceptions.py` tells them from the program's own
-    # by the `_module` in their qualified names.
+    # Functions that a program calls are inside of these functions: `exceptions.py` tells them from
+    # the program's own by the `_module` in their qualified names.
     def test(function: Callable[[float], bool]) -> Callable[[Any], bool]:
         return lambda x, /: function(_as_float(x))
 
@@ -69,7 +69,7 @@ def math_module() -> ModuleType:
             raise ZeroDivisionError("divide by zero")
         if base is None:
             return to_single(math.log(x))
-        # The quotient of two logarithms, as on a hub; `math.log(x, base)` may round otherwise.
+        # A hub divides two logarithms, and `math.log(x, base)` may round differently.
         return to_single(math.log(x) / math.log(base))
 
     names: dict[str, Any] = {name: _rounded(getattr(math, name)) for name in _ROUNDED}
@@ -101,7 +101,7 @@ def _rounded(function: Callable[..., float]) -> Callable[..., float]:
             result = to_single(function(*values))
         except (OverflowError, ValueError):
             raise ValueError("math domain error") from None
-        # An overflow of single precision is infinity here, and an error on a hub
+        # An overflow of single precision gives infinity here, but an error on a hub
         # (`py/modmath.c`).
         if math.isinf(result) and not any(map(math.isinf, values)):
             raise ValueError("math domain error")
@@ -113,7 +113,7 @@ def _rounded(function: Callable[..., float]) -> Callable[..., float]:
 def _to_integer(function: Callable[[float], int]) -> Callable[[Any], int]:
     def call(x: Any, /) -> int:
         x = _as_float(x)
-        # Infinity and NaN go on, so that they are refused in the hub's words.
+        # Infinity and NaN go on to where they are refused in the hub's words.
         whole = float(function(x)) if math.isfinite(x) else x
         return int_from_float(whole)
 
@@ -143,7 +143,8 @@ class _Yasmarang:
         return (pad ^ (self._d << 5) ^ (pad >> 18) ^ (self._dat << 1)) & _MASK
 
     def below(self, n: int) -> int:
-        # Drawn again until it is small enough: a remainder would prefer small numbers.
+        # Numbers are drawn again until one is small enough, because a remainder would prefer small
+        # ones.
         mask = 1
         while (n & mask) < n:
             mask = mask << 1 | 1
@@ -153,7 +154,7 @@ class _Yasmarang:
         return value
 
     def fraction(self) -> float:
-        # As many bits as a float of the hub keeps behind its first one.
+        # This takes as many bits as a hub's float has behind its first one.
         return (self.next() & 0x7FFFFF) / 0x800000
 
 
@@ -173,7 +174,7 @@ def random_module(clock_us: int) -> ModuleType:
         expect_int(k)
         if not 0 <= k <= 32:
             raise ValueError("bits must be 32 or less")
-        # Nothing is drawn for no bits.
+        # A hub draws nothing for no bits, which keeps its sequence of numbers.
         if k == 0:
             return 0
         return small(source.next() & (_MASK >> (32 - k)))
@@ -240,9 +241,9 @@ class _Layout:
         order = "@"
         if text.startswith(("@", "<", ">", "!")):
             order = text[0]
-        # Pointers and objects have the four bytes of a hub's address.
+        # Pointers and objects take four bytes, as addresses on a hub do.
         codes = text.lstrip("@<>!").replace("P", "I").replace("O", "I")
-        # A native long of this computer may have eight bytes.
+        # A native long may take eight bytes on this computer.
         if order == "@":
             codes = codes.replace("l", "i").replace("L", "I")
         self.struct = struct.Struct(order + codes)
@@ -257,7 +258,7 @@ class _Layout:
         self.is_wide = bool(_WIDE & set(self.codes))
 
     def pack(self, values: tuple[Any, ...]) -> bytes:
-        # Values that fit, as most do, need nothing of what a hub does otherwise.
+        # Most values fit, and then nothing that a hub does differently matters.
         try:
             return self.struct.pack(*values)
         except (struct.error, OverflowError):
@@ -269,7 +270,7 @@ class _Layout:
             return as_bytes(value)
         if code in "efd":
             number = to_single(_as_float(value))
-            # CPython refuses it.
+            # CPython would refuse to pack a number that a hub stores as infinity.
             if code == "e" and abs(number) >= _HALF_INFINITE:
                 return math.copysign(math.inf, number)
             return number
@@ -297,12 +298,12 @@ class _Layout:
 
 
 def struct_module() -> ModuleType:
-    # A program packs in loops, with few formats.
+    # Programs pack in loops, with few formats.
     cached_layout = functools.cache(_Layout)
 
     def pack(fmt: str, /, *values: Any) -> bytes:
         layout = cached_layout(fmt)
-        # A hub writes zeros for values that are missing, and ignores more.
+        # A hub writes zeros for missing values, and ignores further ones.
         if len(values) != len(layout.codes):
             values = (values + (0,) * len(layout.codes))[: len(layout.codes)]
         return layout.pack(values)

@@ -58,7 +58,7 @@ _CHECKED_ITEMS = 256
 
 
 def _check_length(kind: type, length: int) -> None:
-    # Text and bytes end with a zero byte.
+    # Text and bytes end with a zero byte, which takes memory too.
     zero_bytes = 1 if kind in (str, bytes) else 0
     check_allocation(length * _ITEM_BYTES[kind] + zero_bytes)
 
@@ -76,8 +76,8 @@ def normalizer() -> Callable[[Any], Any]:
     # Writing to a cell of four bytes and reading it rounds faster than `struct` does.
     cell = memoryview(bytearray(4)).cast("f")
 
-    # The hottest function of all: each sum and product of a program passes through it. The limits
-    # stand in it as numbers, and the commonest kinds come first.
+    # This is the hottest function of all, because each sum and product of a program passes through
+    # it. So the limits stand in it as numbers, and the commonest kinds come first.
     def normalize(value: Any) -> Any:
         kind = type(value)
         if kind is int:
@@ -139,7 +139,7 @@ def to_int(*args: Any) -> Any:
     except TypeError:
         kind = type(args[0]).__name__
         raise TypeError(f"can't convert {kind} to int") from None
-    # Digits are read before the sign.
+    # Digits are read before the sign, so the limit is the same for both signs.
     if abs(value) > SMALL_MAX:
         raise OverflowError("long int not supported in this build")
     return value
@@ -149,7 +149,7 @@ def _wrong_digits(text: str, base: int) -> ValueError:
     if base != 0 and not 2 <= base <= 36:
         return ValueError("int() arg 2 must be >= 2 and <= 36")
     digits = re.sub(r"^\s*[-+]?", "", text)
-    # The message has the base that the prefix tells, and the digits behind it.
+    # The message depends on the base, which with 0 is the one that the prefix tells.
     if base == 0:
         base = _BASES.get(digits[:2].lower(), 10)
         digits = digits if base == 10 else digits[2:]
@@ -228,8 +228,8 @@ def _ascii_method(name: str) -> Callable[..., Any]:
             _check_text_arguments(name, value, args)
         if not isinstance(value, str) or value.isascii():
             return getattr(value, name)(*args, **kwargs)
-        # Methods of bytes know ASCII only, and letters outside of it are several bytes, as on a
-        # hub.
+        # The methods of bytes know only ASCII, and letters outside of it are several bytes, both as
+        # on a hub.
         encoded = [arg.encode() if isinstance(arg, str) else arg for arg in args]
         result = method(value.encode(), *encoded)
         if isinstance(result, list):
@@ -340,7 +340,7 @@ def _set_slice(
 ) -> None:
     """``container[start:stop:step] = value``."""
     container = _sliced(container, step)
-    # CPython takes any iterable.
+    # CPython accepts any iterable here, but a hub does not.
     if isinstance(container, list) and not isinstance(value, list | tuple):
         raise TypeError(f"object '{type(value).__name__}' isn't a tuple or list")
     container[start:stop:step] = value
@@ -348,7 +348,7 @@ def _set_slice(
 
 def _product(a: Any, b: Any) -> Any:
     """``a * b``; a refusal names both classes."""
-    # Before it is made: on this computer it might fit.
+    # This is checked before the value is made, because this computer might have room for it.
     if type(a) in _ITEM_BYTES and isinstance(b, int):
         _check_length(type(a), len(a) * b)
     try:
@@ -367,12 +367,12 @@ def _bitwise(operation: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
     symbol = {"and": "&", "or": "|", "xor": "^"}[name]
 
     def operate(a: Any, b: Any) -> Any:
-        # The commonest case first.
+        # The commonest case comes first, because this runs all the time.
         if type(a) is int and type(b) is int:
             return operation(a, b)
         if type(a) is bool and type(b) is bool:
             return int(operation(a, b))
-        # CPython makes unions of dicts, and of classes types for annotations.
+        # CPython makes unions of dicts, and types for annotations of classes.
         if isinstance(a, dict | type) or isinstance(b, type):
             raise TypeError(
                 f"unsupported operand type(s) for {symbol}: '{type(a).__name__}' and "
@@ -385,8 +385,8 @@ def _bitwise(operation: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
 
 def _list_comprehension(elements: Iterator[Any]) -> list[Any]:
     """The elements; a StopIteration in one of them is not that of a generator."""
-    # The list is no variable of the program yet, where the heap would be looked through for it; so
-    # it is measured while it grows.
+    # The heap is looked through for variables of the program, and this list is none yet, so it is
+    # measured while it grows.
     items: list[Any] = []
     size_bytes = 0
     try:
@@ -395,8 +395,8 @@ def _list_comprehension(elements: Iterator[Any]) -> list[Any]:
             size_bytes += sum(len(item) for item in chunk if type(item) in _SIZED)
             check_allocation(_ITEM_BYTES[list] * len(items) + size_bytes)
     except RuntimeError as error:
-        # CPython makes a RuntimeError of a StopIteration in a generator, and this comprehension is
-        # a generator here only.
+        # CPython turns a StopIteration in a generator into a RuntimeError, and this comprehension
+        # is a generator only here.
         if isinstance(error.__cause__, StopIteration):
             raise error.__cause__ from None
         raise error from None
@@ -485,7 +485,7 @@ def operators(namespaces: Sequence[Mapping[str, object]]) -> dict[str, Any]:
     normalize = normalizer()
 
     def divide(a: Any, b: Any) -> Any:
-        # Two integers are divided as floats too.
+        # A hub divides two integers as floats too.
         if type(a) is int or type(b) is int:
             a = _single_int(a)
             b = _single_int(b)
@@ -506,14 +506,14 @@ def operators(namespaces: Sequence[Mapping[str, object]]) -> dict[str, Any]:
         return normalize(a % b)
 
     def power(a: Any, b: Any) -> Any:
-        # Not computed: the result might have millions of digits.
+        # The power is not computed, because the result might have millions of digits.
         are_integers = type(a) is int and type(b) is int
         if are_integers and b > 30 and a not in (-1, 0, 1):
             raise OverflowError("small int overflow")
         try:
             return normalize(a**b)
         except OverflowError:
-            # CPython refuses powers of floats that are infinite.
+            # CPython raises an error where a hub's power of floats is infinite.
             if isinstance(a, float) or isinstance(b, float):
                 return math.inf
             raise
@@ -557,7 +557,7 @@ def operators(namespaces: Sequence[Mapping[str, object]]) -> dict[str, Any]:
 
 def _dict(*parts: Any) -> HubDict:
     """``{key: value, ...}`` of its parts, each value before its key, as a hub computes it first."""
-    # As many slots as keys: the order of a dict of a hub depends on it.
+    # The dict gets as many slots as keys, because its order on a hub depends on them.
     return HubDict.sized(len(parts) // 2, zip(parts[1::2], parts[::2], strict=True))
 
 

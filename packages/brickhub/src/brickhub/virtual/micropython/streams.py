@@ -38,7 +38,7 @@ class HubBytearray(bytearray):
         if isinstance(source, bool):
             raise TypeError("'bool' object isn't iterable")
         if isinstance(source, int):
-            # A negative size is a large one, without a sign.
+            # Without a sign, a negative size is a large one.
             check_allocation(source & 0xFFFFFFFF)
         super().__init__(_low_bytes(source), *encoding)
 
@@ -59,13 +59,13 @@ class HubBytearray(bytearray):
         raise TypeError("'bytearray' object doesn't support item deletion")
 
     def __contains__(self, item: Any) -> bool:
-        # A hub searches for data only, not for a single number (`py/objarray.c`).
+        # A hub searches for data only, and not for a single number (`py/objarray.c`).
         if isinstance(item, int | float):
             raise NotImplementedError
         is_data = isinstance(item, str | bytes | bytearray | memoryview)
         return is_data and super().__contains__(_buffer(item))
 
-    # A hub's cannot be repeated.
+    # A hub's bytearray cannot be repeated.
     def __mul__(self, other: Any) -> Any:
         return NotImplemented
 
@@ -123,12 +123,12 @@ def part_of(data: Any, *part: int) -> bytes:
     if not part:
         return content
     start, count = part if len(part) > 1 else (0, *part)
-    # A negative count is one without a limit.
+    # A negative count means no limit.
     return content[start:] if count < 0 else content[start : start + count]
 
 
 class Stream:
-    """What ``print`` can write to."""
+    """A stream to which ``print`` can write."""
 
 
 class IOBase:
@@ -138,12 +138,12 @@ class IOBase:
 def write_text(stream: Any, piece: str) -> None:
     """Write to a stream, as ``print`` does. Raises HubOSError if it is none."""
     if isinstance(stream, Stream):
-        # Those that lack it have no file number 1.
+        # An object without the method has no file number 1 either, and raises here.
         stream.write(piece)  # type: ignore[attr-defined]
     elif not isinstance(stream, IOBase):
         raise HubOSError("stream operation not supported")
     elif piece:
-        # A program's method.
+        # This is a method of the program, so it gets a bytearray as on a hub.
         stream.write(HubBytearray(piece.encode()))  # type: ignore[attr-defined]
 
 

@@ -36,7 +36,7 @@ _ESCAPES = {"b": "\b", "f": "\f", "n": "\n", "r": "\r", "t": "\t"}
 _SPACES = " \t\n\r\v\f"
 _NO_KEY = object()
 _SYNTAX_ERROR = "syntax error in JSON"
-# As `py/stream.h` numbers them.
+# Programs compare with the numbers of `py/stream.h`.
 _POLLIN = 1
 _POLLOUT = 4
 _POLLERR = 8
@@ -45,7 +45,7 @@ _STDIN = 0
 _CTRL_C = 3
 _STACK_BYTES = 8 * 1024
 _ENDLESS_BYTES = 1 << 20
-"""More than anybody types."""
+"""Size of an endless read, which is more than anybody types."""
 _FOREVER_MS = 1000
 """Simulated time between two looks for input where there is no timeout."""
 
@@ -53,7 +53,7 @@ _FOREVER_MS = 1000
 def read_json(source: str) -> Any:
     """Parse JSON. Raises ValueError as on the hub, OverflowError if a number needs more than 31
     bits."""
-    # No recursion, as on a hub: the containers around the innermost one wait in a list.
+    # A hub does not recurse here, so the containers around the innermost one wait in a list.
     parents: list[Any] = []
     top: Any = None
     key: Any = _NO_KEY
@@ -76,7 +76,7 @@ def read_json(source: str) -> Any:
             top[key] = value
             key = _NO_KEY
         elif top is not None:
-            # A key, which may be anything but a container.
+            # A key may be anything but a container.
             if opens:
                 raise ValueError(_SYNTAX_ERROR)
             key = value
@@ -167,15 +167,15 @@ class FileIO(Stream):
         pass
 
     def events(self) -> int:
-        # Standard output is never ready: programs register standard input without a mask and rely
-        # on it.
+        # Standard output is never ready, because programs register standard input without a mask
+        # and rely on that.
         return _POLLIN if self._terminal.console.available() else 0
 
     def read(self, size: int = -1) -> Any:
         self._terminal.tick()
         if size == 0:
             return b""
-        # To the end, which a console has not: it waits until it is interrupted.
+        # A console has no end, so reading to the end waits until it is interrupted.
         return self._take(_ENDLESS_BYTES if size < 0 else size)
 
     def readinto(
@@ -240,7 +240,7 @@ class TextIOWrapper(FileIO):
             return self._take(_ENDLESS_BYTES).decode()
         characters = ""
         for _ in range(size):
-            # The first byte of a character in UTF-8 says how many follow.
+            # In UTF-8, the first byte of a character says how many follow.
             first = self._take(1)
             others = (first >= b"\xc0") + (first >= b"\xe0") + (first >= b"\xf0")
             character = first + self._take(others)
@@ -294,7 +294,7 @@ class Poll:
         flags: int = 0,
     ) -> list[tuple[FileIO, int]]:
         self._tick()
-        # Looked at once at least, also without a timeout.
+        # Streams are looked at once at least, even without a timeout.
         ready = self._ready()
         while not ready and timeout:
             if timeout < 0:
@@ -302,7 +302,7 @@ class Poll:
             else:
                 timeout -= self._advance(timeout)
             ready = self._ready()
-        # One-shot: a stream that was ready is not looked at any more.
+        # A one-shot stream is not looked at any more once it was ready.
         if flags & 1:
             for stream, _ in ready:
                 self.modify(stream, 0)
@@ -374,7 +374,7 @@ def select_module(advance: Callable[[int], int], tick: Callable[[], None]) -> Mo
         poll = Poll(advance, tick)
         masks = (_POLLIN, _POLLOUT, _POLLERR | _POLLHUP)
         groups = (readers, writers, others)
-        # A stream may be in several groups.
+        # A stream may be in several groups, whose masks are joined.
         masks_by_stream: dict[FileIO, int] = {}
         for streams, mask in zip(groups, masks, strict=True):
             if not isinstance(streams, list | tuple):
@@ -422,7 +422,8 @@ def micropython_module(terminal: Terminal, memory: Callable[[], tuple[int, int]]
 
     def mem_info(verbose: Any = None) -> None:
         used_bytes, free_bytes = memory()
-        # In the form of a hub's, for programs that read the numbers; there are no blocks here.
+        # The lines have a hub's form, for programs that read the numbers, but there are no blocks
+        # here.
         lines = (
             f"stack: 0 out of {_STACK_BYTES}",
             f"GC: total: {used_bytes + free_bytes}, used: {used_bytes}, free: {free_bytes}",
@@ -460,7 +461,7 @@ def gc_module(memory: Callable[[], tuple[int, int]]) -> ModuleType:
         (state["limit"],) = size
         return None
 
-    # What is garbage CPython collects by itself: none of this changes what a program needs.
+    # CPython collects garbage by itself, so none of this changes what a program needs.
     names: dict[str, Any] = {
         "enable": lambda: state.update(on=True),
         "disable": lambda: state.update(on=False),
@@ -486,7 +487,7 @@ def json_module() -> ModuleType:
             if isinstance(value, dict):
                 pairs = []
                 for name, part in zip(value, value.values(), strict=True):
-                    # A key that is no text is written as one in quotes.
+                    # A key that is no text is written as one, in quotes.
                     key = write(name)
                     if not isinstance(name, str):
                         key = f'"{key}"'

@@ -23,8 +23,8 @@ _ESCAPES = {
 }
 _PLAIN = (BaseException.__str__, OSError.__str__, KeyError.__str__, SyntaxError.__str__)
 """``__str__`` of exceptions that a program did not write itself."""
-# CPython has an iterator class for each container, and another one for text outside ASCII; a hub
-# has one for all.
+# CPython has an iterator class for each container, and another one for text outside ASCII, but a
+# hub has one for all.
 _ITERATORS: set[type] = {
     type(iter([])),
     type(iter(())),
@@ -46,7 +46,7 @@ _TYPE_NAMES: dict[type, str] = {
     ),
     types.MethodType: "bound_method",
 }
-# A subclass of a program shows its items as they are stored, whatever methods it overrides: so they
+# A program's subclass shows its items as they are stored, whatever methods it overrides. So they
 # are copied into the native class by that class's own methods.
 _COPIES: dict[type, Callable[[Any], Any]] = {
     list: list.copy,
@@ -56,14 +56,14 @@ _COPIES: dict[type, Callable[[Any], Any]] = {
 }
 _PRIVATE = (type, types.FunctionType, types.ModuleType)
 _DEFAULT_PRECISION = 6
-# A hub reads a specification byte by byte, so only a character of ASCII can fill.
+# A hub reads a specification byte by byte, so only an ASCII character can fill.
 _SPEC = re.compile(
     r"(?:(?P<fill>[^<>=^\x80-\U0010ffff])?(?P<align>[<>=^]))?"
     r"(?P<sign>[-+ ])?(?P<prefix>#?)(?P<zero>0)?(?P<width>\d+)?"
     r"(?P<separator>[,_])?(?:\.(?P<precision>\d+)?)?(?P<code>[bcdeEfFgGnosxX%])?",
     re.DOTALL,
 )
-# Programs format in loops, with the few specifications that stand in their source.
+# Parsing is cached, because programs format in loops, with the few specifications in their source.
 _parsed = functools.lru_cache(maxsize=256)(_SPEC.fullmatch)
 _INTEGER_CODES = ("", *"bcdnoxX")
 _FLOAT_CODES = ("", *"eEfFgGn%")
@@ -93,7 +93,7 @@ def text(value: Any) -> str:
     native = _native_base(value)
     if native is None:
         return representation(value)
-    # On a hub the native class's text goes before the `__repr__` of a subclass; on CPython not.
+    # A hub prefers the native class's text to the `__repr__` of a subclass, but CPython does not.
     return _REPRESENTATIONS[native](_COPIES[native](value))
 
 
@@ -122,8 +122,8 @@ def representation(value: object) -> str:
         has_own_metaclass = kind.__repr__ is not type.__repr__
         return repr(value) if has_own_metaclass else f"<class '{type_name(value)}'>"
     if kind.__repr__ is object.__repr__:
-        # A native class without a printer of its own shows its name alone
-        # (`mp_obj_print_helper`, `py/obj.c`).
+        # A native class without a printer of its own shows only its name (`mp_obj_print_helper`,
+        # `py/obj.c`).
         if kind.__module__.startswith(FIRMWARE):
             return f"<{kind.__name__}>"
         return f"<{kind.__name__} object at {_address(value)}>"
@@ -141,7 +141,7 @@ def type_name(kind: type) -> str:
 
 
 def _address(value: object) -> str:
-    # The memory of the hubs' processors begins at 0x20000000.
+    # Addresses look like a hub's, whose memory begins at 0x20000000.
     return f"{0x20000000 + id(value) % 0x50000:x}"
 
 
@@ -152,14 +152,14 @@ def format_traceback(error: BaseException, filename: str) -> str:
     """
     lines = []
     for frame, line in traceback.walk_tb(error.__traceback__):
-        # Only code that was transformed has the helpers; all other frames are the interpreter's.
+        # Only transformed code has the helpers, so all other frames are the interpreter's.
         if "@n" in frame.f_builtins:
             code = frame.f_code
             lines.append(f'  File "{code.co_filename}", line {line}, in {code.co_name}')
     kind = type(error)
     if isinstance(error, SyntaxError) and error.lineno is not None:
-        # The hub's compiler names the function, which `_compile_for_hub` keeps in `text`. CPython's
-        # errors have the source there, and an offset.
+        # The hub's compiler names the function, which `_compile_for_hub` keeps in `text`. In
+        # CPython's errors that is the source, and there is an offset.
         is_from_hub = error.text and error.offset is None
         block = f", in {error.text}" if is_from_hub else ""
         file = error.filename or filename
@@ -182,8 +182,7 @@ def _exception_text(error: BaseException) -> str:
     first = args[0]
     has_number = len(args) in (1, 2) and type(first) is int and first in ERROR_NAMES
     if isinstance(error, OSError) and has_number:
-        # The hub writes the name of the number, where CPython writes a sentence
-        # (`py/objexcept.c`).
+        # The hub writes the name of the number where CPython writes a sentence (`py/objexcept.c`).
         described = f"[Errno {first}] {ERROR_NAMES[first]}"
         if len(args) == 2:
             described += f": {text(args[1])}"
@@ -200,7 +199,7 @@ def _quoted(codes: Iterable[int], quote: str) -> str:
             written.append(_ESCAPES[code])
         elif 32 <= code < 127:
             written.append(chr(code))
-        # A hub escapes all that is outside ASCII; CPython writes letters of other alphabets.
+        # A hub escapes everything outside ASCII, but CPython writes letters of other alphabets.
         elif code < 256:
             written.append(f"\\x{code:02x}")
         elif code < 0x10000:
@@ -236,7 +235,7 @@ def _range(value: Any) -> str:
 
 def _namespace(value: dict[Any, Any]) -> str:
     """Text of a dict of CPython, which is the globals of a module."""
-    # CPython puts these in; a hub's module does not have them.
+    # CPython puts these into a module, but a hub's module does not have them.
     visible = {
         name: part for name, part in value.items() if name not in ("__builtins__", "__doc__")
     }
@@ -248,7 +247,7 @@ def _function(value: Any) -> str:
 
 
 def _builtin_function(value: Any) -> str:
-    # CPython makes methods of its builtin objects, such as `[].append`, builtin functions too.
+    # CPython calls the methods of builtin objects, such as `[].append`, builtin functions too.
     is_function = isinstance(value.__self__, types.ModuleType | None)
     return "<function>" if is_function else _method(value)
 
@@ -326,7 +325,7 @@ def to_number(value: Any, kind: str) -> Any:
         number = convert(value)
     if type(number).__name__ == kind:
         return number
-    # A hub checks the result of `__int__` where it calls it, without a message
+    # A hub checks the result of `__int__` where it calls it, and without a message
     # (`py/objtype.c`).
     if kind == "int" and number is not None:
         raise TypeError
@@ -347,7 +346,7 @@ def format_value(value: object, spec: str) -> str:
     if sign and code == "c":
         raise ValueError("sign not allowed with integer format specifier 'c'")
 
-    # Numbers are aligned to the right, and filled with zeros behind their sign.
+    # The alignment of numbers is to the right by default, with zeros behind their sign.
     is_number = isinstance(value, int | float)
     if match["align"]:
         align = match["align"]
@@ -358,7 +357,8 @@ def format_value(value: object, spec: str) -> str:
     width = int(match["width"] or 0)
     fill = match["fill"] or match["zero"] or " "
     precision = match["precision"]
-    # Before the text is made: a width that fits on no hub would fill this computer's memory.
+    # This is checked before the text is made, because a width that fits on no hub would fill this
+    # computer's memory.
     check_allocation(width)
 
     if isinstance(value, int) and code in _INTEGER_CODES:
@@ -381,7 +381,7 @@ def format_value(value: object, spec: str) -> str:
             precision,
         )
         return _padded(formatted, fill, align, width)
-    # Text, or a number with a code that is not for it.
+    # This is text, or a number with a code that is not for numbers.
     if not is_number and align == "=":
         raise ValueError("'=' alignment not allowed in string format specifier")
     if is_number or code not in ("", "s"):
@@ -390,7 +390,7 @@ def format_value(value: object, spec: str) -> str:
     if not isinstance(value, str | bytes):
         kind = type(value).__name__
         raise TypeError(f"can't convert '{kind}' object to str implicitly")
-    # Bytes are text of as many characters on a hub; CPython's have no format.
+    # On a hub bytes are text of as many characters, but CPython's have no format.
     characters = value if isinstance(value, str) else value.decode("latin-1")
     if precision is not None:
         characters = characters[: int(precision)]
@@ -414,11 +414,11 @@ def _format_integer(
             width,
         )
     if code in ("b", "o", "x", "X"):
-        # A hub groups four digits whatever separates them. CPython takes no comma here.
+        # A hub groups four digits whatever separates them, and CPython accepts no comma here.
         underscore = "_" if separator else ""
         digits = format(value, f"{flags}{underscore}{code}").replace("_", separator)
     else:
-        # To a hub "n" is "d": there is no locale whose separators it could use.
+        # To a hub "n" means "d", because it has no locale whose separators it could use.
         digits = format(value, f"{flags}{separator}{code.replace('n', 'd')}")
     return _padded(digits, fill, align, width)
 
@@ -432,7 +432,7 @@ def _format_float(
     digits = _DEFAULT_PRECISION if precision is None else int(precision)
     value = to_single(value)
     if code == "%":
-        # The product is rounded to a float of the hub before its digits are computed.
+        # The product is rounded to a hub's float before its digits are computed.
         share_pct = to_single(value * 100)
         return format_float(share_pct, "f", digits, sign) + "%"
     if code == "n":
@@ -465,7 +465,7 @@ class _Formatter(string.Formatter):
         self._numbering = ""
 
     def parse(self, format_string: str) -> Iterator[Any]:
-        # CPython's formatter refuses a mixture of `{}` and `{0}` too, later and in other words.
+        # CPython's formatter refuses a mixture of `{}` and `{0}` too, but later and in other words.
         for part in super().parse(format_string):
             field_name = part[1]
             has_number = field_name is not None and (not field_name or field_name[0].isdigit())
@@ -487,7 +487,7 @@ class _Formatter(string.Formatter):
     ) -> Any:
         if "." in field_name or "[" in field_name:
             name = re.split(r"[.\[]", field_name)[0]
-            # A missing argument is found before the attribute is refused.
+            # A missing argument is noticed before the attribute is refused.
             self.get_value(int(name) if name.isdigit() else name, args, kwargs)
             raise NotImplementedError("attributes not supported")
         return super().get_field(field_name, args, kwargs)
@@ -551,16 +551,15 @@ def percent(template: Any, values: object) -> Any:
             return "%"
         if code is None:
             raise ValueError("incomplete format")
-        # A key without its closing bracket.
         if code == "(":
             raise ValueError("incomplete format key")
         key = match["key"]
         if key is not None:
-            # With a key no value is taken in turn any more, not even for a `*`.
+            # After a key, no value is taken in turn any more, not even for a `*`.
             queue.clear()
             if not isinstance(values, dict):
                 raise TypeError("format needs a dict")
-        # The order in which `*` takes its numbers: width, precision, then the value itself.
+        # Each `*` takes its number in this order: width, precision, then the value itself.
         width = star_or_digits(match["width"])
         precision = star_or_digits(match["precision"])
         value = next_value() if key is None else values[key]  # type: ignore[index]
@@ -628,7 +627,7 @@ def _character(value: Any) -> Any:
         raise TypeError("%c needs int or char")
     if not isinstance(value, int | str):
         raise TypeError("integer needed")
-    # A hub writes the lowest byte of a number; CPython refuses what is no character.
+    # A hub writes the lowest byte of a number, but CPython refuses what is no character.
     return value & 0xFF if isinstance(value, int) else value
 
 
@@ -648,7 +647,7 @@ def _format_float_argument(
     number = to_single(to_number(value, "float"))
     formatted = format_float(number, code, digits, sign)
     fill = "0" if "0" in flags else " "
-    # At the left the zeros of the flag "0" go behind the number, so "-" goes before "0".
+    # Aligned to the left, the zeros of the flag "0" follow the number, so "-" goes before "0".
     align = ">"
     if "-" in flags:
         align = "<"
@@ -673,7 +672,7 @@ def _format_int(
         if code not in "diu":
             raise TypeError("can't convert float to int")
         number = int_from_float(number)
-    # With both flags a hub fills with zeros at the right, where CPython ignores the zero.
+    # With both flags a hub fills with zeros on the right, but CPython ignores the zero.
     if "-" in flags and "0" in flags and "." not in spec:
         plain_spec = spec.replace("0", "", 1) + code
         plain = str(plain_spec % number)

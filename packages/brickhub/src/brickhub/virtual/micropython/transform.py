@@ -15,7 +15,8 @@ from brickhub.virtual.micropython.attributes import may_be_hidden
 from brickhub.virtual.micropython.floats import SMALL_MAX, SMALL_MIN, read_constant
 from brickhub.virtual.micropython.operators import ASCII_METHODS
 
-# The hub's compiler computes these with integers of any size: it runs on a PC. `/` it leaves.
+# The hub's compiler runs on a PC, so it computes these with integers of any size. It leaves `/` for
+# the hub.
 _FOLDED: dict[type[ast.operator], Callable[[int, int], int]] = {
     ast.Add: operator.add,
     ast.Sub: operator.sub,
@@ -36,7 +37,8 @@ _SIGNS: dict[type[ast.unaryop], Callable[[int], int]] = {
 }
 _MAX_BITS = 4096
 """Limit of a folded power or shift: larger ones take time, and no result of that size fits."""
-# CPython computes these itself, and the result is checked: no operand has to be converted first.
+# CPython computes these itself and only the result is checked, because no operand has to be
+# converted first.
 _WRAPPED = (ast.Add, ast.Sub, ast.LShift)
 _ARITHMETIC = {
     ast.Mult: "@mul",
@@ -55,9 +57,9 @@ _IN_PLACE = {
 }
 """Operators that can change a value in place on a hub; for others ``a *= b`` is ``a = a * b``."""
 _CONVERSIONS = ("int", "float", "str", "slice")
-# Methods that differ on a hub, whatever has them.
+# These methods differ on a hub, whatever object has them.
 _METHODS = ("format", "to_bytes", "from_bytes", "sort", "throw", "close", *ASCII_METHODS)
-# Their helpers take one argument; another number is refused as with any function.
+# The helpers of these take one argument. Another number is refused as with any function.
 _OF_ITERABLES = ("list", "tuple", "bytes")
 _ORDERS: dict[type[ast.cmpop], str] = {
     ast.Lt: "@lt",
@@ -65,9 +67,9 @@ _ORDERS: dict[type[ast.cmpop], str] = {
     ast.Gt: "@gt",
     ast.GtE: "@ge",
 }
-# CPython's classes with items, such as list[int], which a hub refuses.
+# CPython's classes can be indexed, as list[int], which a hub refuses.
 _GENERIC = ("list", "tuple", "dict", "set", "type", "enumerate", "map", "zip", "reversed")
-# Expressions for whose sake a loop has to look whether the heap is full.
+# A loop has to look whether the heap is full only if it has one of these expressions.
 _TAKE_MEMORY = (ast.Call, ast.List, ast.Tuple)
 _TOP_DOWN = (
     ast.UnaryOp,
@@ -190,7 +192,7 @@ def fold(node: ast.expr) -> int | None:
     right = fold(node.right)
     if left is None or right is None:
         return None
-    # What fails, or gives a float, is left to fail when the program comes to it.
+    # An operation that fails, or gives a float, is left to fail when the program comes to it.
     if kind in (ast.FloorDiv, ast.Mod) and right == 0:
         return None
     if kind in (ast.Pow, ast.LShift, ast.RShift) and right < 0:
@@ -215,7 +217,7 @@ def transform(
 
 
 def _bounds(part: ast.Slice) -> list[ast.expr]:
-    # The helpers take all three bounds, of which brackets may leave out any.
+    # The helpers take all three bounds, and brackets may leave out any of them.
     return [bound or ast.Constant(None) for bound in (part.lower, part.upper, part.step)]
 
 
@@ -244,7 +246,7 @@ class _Transformer(ast.NodeTransformer):
 
     def visit_Name(self, node: ast.Name) -> ast.expr:
         is_private = node.id in self._private and isinstance(node.ctx, ast.Load)
-        # A copy for each place, as a transformed node may be changed again.
+        # Each place gets a copy, because a transformed node may be changed again.
         return copy.deepcopy(self._private[node.id]) if is_private else node
 
     def visit_Constant(self, node: ast.Constant) -> ast.expr:
@@ -255,7 +257,8 @@ class _Transformer(ast.NodeTransformer):
         return node
 
     def visit_BinOp(self, node: ast.BinOp | ast.UnaryOp) -> ast.expr:
-        # Before the parts are looked at: 2**40 - 2**40 is right, though neither part is.
+        # This is tried before the parts are looked at: 2**40 - 2**40 is right, although neither
+        # part is.
         folded = fold(node)
         if folded is not None:
             return self.visit_Constant(ast.copy_location(ast.Constant(folded), node))
@@ -310,9 +313,9 @@ class _Transformer(ast.NodeTransformer):
     ) -> ast.AST | list[ast.stmt]:
         kind = type(node.op)
         read = _load(target.id)
-        # `a += 1` stays, with its result checked in a second statement: the fastest form for what
-        # loops do most. Any other right side of `+=` may be an iterable, which a hub adds to a
-        # list in its own way.
+        # `a += 1` stays as it is, and a second statement checks its result, which is the fastest
+        # form for what loops do most. Any other right side of `+=` may be an iterable, which a hub
+        # adds to a list in its own way.
         adds_constant = kind is ast.Add and isinstance(node.value, ast.Constant)
         if kind is ast.Sub or adds_constant:
             checked = call("@n", read, at=node)
@@ -351,18 +354,19 @@ class _Transformer(ast.NodeTransformer):
         value: ast.expr,
         at: ast.AST,
     ) -> ast.stmt:
-        # A slice can stand in brackets only.
+        # A slice can stand only in brackets.
         if isinstance(value, ast.Slice):
             value = call("slice", *_bounds(value), at=at)
         return _assignment(_store(name), value, at)
 
     def visit_Call(self, node: ast.Call) -> ast.expr:
         function = node.func
-        # Looked at before the parts are transformed, which may hide the called name.
+        # This is looked at before the parts are transformed, which may hide the called name.
         is_recursive = called_name(node) in self._recursive
         has_one_argument = len(node.args) == 1 and not node.keywords
         is_of_one = has_one_argument and not isinstance(node.args[0], ast.Starred)
-        # A program's own method of such a name has to be called directly, to count its calls.
+        # A program's own method of such a name has to be called directly, so that its calls are
+        # counted.
         methods = (*_METHODS, "extend", "join") if is_of_one and not is_recursive else _METHODS
         self.generic_visit(node)
         if isinstance(function, ast.Name):
@@ -406,7 +410,7 @@ class _Transformer(ast.NodeTransformer):
     def visit_Subscript(self, node: ast.Subscript) -> ast.expr:
         index = node.slice
         owner = node.value
-        # `type(x)[0]`, `list[int]` and what `type(...)` made: CPython may take these for a type.
+        # CPython might take `type(x)[0]`, `list[int]` and what `type(...)` made for types.
         is_class = isinstance(owner, ast.Call) and called_name(owner) == "type"
         if isinstance(owner, ast.Name):
             is_class = owner.id in _GENERIC or owner.id in self._classes
@@ -429,7 +433,8 @@ class _Transformer(ast.NodeTransformer):
             constant = _argument_of_const(node.value) if is_single else None
             if constant is not None:
                 node.value = constant
-                # It stands wherever the name is read, and the name itself is in no namespace.
+                # The constant stands wherever the name is read, and the name itself is in no
+                # namespace.
                 if target.id.startswith("_"):
                     self._private[target.id] = self.visit(constant)
                     return ast.copy_location(ast.Pass(), node)
@@ -455,7 +460,7 @@ class _Transformer(ast.NodeTransformer):
         parts: list[ast.expr] = []
         for value, key in zip(node.values, node.keys, strict=True):
             parts.append(value)
-            # `None` stands for `**`, which the hub's compiler has refused already.
+            # `None` stands for `**`, which the hub's compiler has already refused.
             if key is not None:
                 parts.append(key)
         return call("@dict", *parts, at=node)
@@ -499,8 +504,8 @@ class _Transformer(ast.NodeTransformer):
         return node
 
     def visit_Lambda(self, node: ast.Lambda) -> ast.expr:
-        # `lambda **names: body` becomes `lambda **names: (lambda names: body)(@named(names))`, as
-        # there is no place for a statement that converts the dict.
+        # `lambda **names: body` becomes `lambda **names: (lambda names: body)(@named(names))`,
+        # because a lambda has no place for a statement that converts the dict.
         if node.args.kwarg is not None:
             name = node.args.kwarg.arg
             parameters = ast.arguments(
@@ -528,7 +533,7 @@ class _Transformer(ast.NodeTransformer):
     def visit_Delete(self, node: ast.Delete) -> list[ast.stmt]:
         statements: list[ast.stmt] = []
         for target in node.targets:
-            # A hub's error for a global that is missing is a KeyError.
+            # A hub raises KeyError for a global that is missing.
             if isinstance(target, ast.Name) and self._is_global(target.id):
                 name = ast.Constant(target.id)
                 delete: ast.stmt = ast.Expr(call("@del", name, at=node))
@@ -549,8 +554,8 @@ class _Transformer(ast.NodeTransformer):
         return self._globals is None or name in self._globals
 
     def visit_Compare(self, node: ast.Compare) -> ast.expr:
-        # Only where a constant tells that a hub's answer may differ: a helper for each comparison
-        # would make all loops slower.
+        # This applies only where a constant tells that a hub's answer may differ, because a helper
+        # for each comparison would make all loops slower.
         left = node.left
         operation = node.ops[0]
         right = node.comparators[0]
@@ -586,7 +591,8 @@ class _Transformer(ast.NodeTransformer):
     def visit_JoinedStr(self, node: ast.JoinedStr) -> ast.expr:
         if all(isinstance(part, ast.Constant) for part in node.values):
             return node
-        # CPython would format the values as CPython does; so `"".join((...))` of texts.
+        # CPython would format the values in its own way, so a `"".join((...))` of texts is built
+        # instead.
         join = ast.Attribute(ast.Constant(""), "join", ast.Load())
         parts = ast.Tuple(node.values, ast.Load())
         return ast.copy_location(ast.Call(join, [parts], []), node)
@@ -639,14 +645,14 @@ class _Transformer(ast.NodeTransformer):
     visit_IfExp = visit_If
 
     def visit_BoolOp(self, node: ast.BoolOp) -> ast.AST:
-        # The last value is the result: nothing branches on it here.
+        # The last value is the result, and nothing branches on it here.
         *tests, last = node.values
         branches = [call("@branch", value, at=value) for value in tests]
         node.values = [*branches, last]
         return node
 
     def visit_While(self, node: ast.While) -> ast.AST:
-        # `while True` has no branch on a hub either.
+        # On a hub `while True` has no branch either.
         if not isinstance(node.test, ast.Constant):
             node.test = call("@branch", node.test, at=node.test)
         tick = call("@tick", at=node)
@@ -654,13 +660,13 @@ class _Transformer(ast.NodeTransformer):
         return node
 
     def visit_For(self, node: ast.For) -> ast.AST | list[ast.stmt]:
-        # A loop that only computes ends soon, and takes no memory: it runs at full speed.
+        # A loop that only computes ends soon and takes no memory, so it runs at full speed.
         if not any(_takes_memory(statement) for statement in node.body):
             return node
         first = node.body[0]
         turn = call("@turn", ast.Constant(None), at=first)
         node.body.insert(0, _statement(turn, first))
-        # The branch with which the loop ends.
+        # A hub branches once more when a loop ends.
         branch = call("@branch", ast.Constant(None), at=node)
         return [node, _statement(branch, node)]
 
@@ -679,7 +685,7 @@ class _Transformer(ast.NodeTransformer):
         return assign
 
     def _visit_scope(self, node: ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef) -> None:
-        # Without `@micropython.native` and the like, which are directives to the compiler.
+        # `@micropython.native` and the like are directives to the compiler, and are left out.
         node.decorator_list = [
             decorator
             for decorator in node.decorator_list
@@ -713,7 +719,7 @@ class _Transformer(ast.NodeTransformer):
     def visit_AsyncFunctionDef(self, node: ast.AsyncFunctionDef) -> ast.AST:
         """On a hub a coroutine is a generator, and ``await`` is ``yield from``."""
         self._visit_scope(node)
-        # A `yield` makes it a generator, even one that awaits nothing.
+        # A `yield` makes the function a generator, even one that awaits nothing.
         generates = _never(ast.Expr(ast.Yield(None)), node)
         body = [generates, *self._convert_kwargs(node), *node.body]
         function = ast.FunctionDef(
@@ -736,7 +742,7 @@ class _Transformer(ast.NodeTransformer):
         )
 
     def visit_AsyncWith(self, node: ast.AsyncWith) -> list[ast.stmt]:
-        # `async with a, b` is `async with a` around `async with b`, so the last comes first.
+        # `async with a, b` is `async with a` around `async with b`, so the last one is built first.
         body = node.body
         for item in reversed(node.items):
             target = item.optional_vars or _store("@unused")
@@ -783,7 +789,7 @@ def _fill(
         if hasattr(node, "lineno"):
             ast.copy_location(node, at)
     helpers = {"ANY": "@any", "ATTRIBUTE": "@attr", **names}
-    # The place is a part of the names, so that statements within each other keep theirs apart.
+    # The place is part of the names, so that nested statements keep theirs apart.
     location = f"{at.lineno}.{at.col_offset}"
     _Filler(parts, blocks, helpers, location).visit(tree)
     return tree.body

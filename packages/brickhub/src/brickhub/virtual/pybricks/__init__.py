@@ -42,7 +42,7 @@ def modules(machine: Machine, console: Console) -> Modules:
     }
     # The rest of the hub catches up before the program's first line.
     machine.branch(None)
-    # What the transformed program calls, under names that no program can write.
+    # The transformed program calls these, under names that no program can write.
     hooks: dict[str, Any] = {"@tick": machine.turn_loop, "@turn": machine.turn}
     for name in ("@branch", *COMPREHENSIONS):
         hooks[name] = machine.branch
@@ -78,7 +78,7 @@ def _pybricks_modules(context: Context) -> dict[str, ModuleType]:
     firmware = machine.firmware
     version = (f"{hub.value}hub", firmware.version, firmware.build)
     result["pybricks"] = module("pybricks", {"version": version})
-    # An older name of the tools, which programs still import.
+    # Programs still import the tools under this older name.
     if hub.model.has_float:
         result["pybricks.geometry"] = tools
     return result

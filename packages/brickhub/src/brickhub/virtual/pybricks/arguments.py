@@ -46,7 +46,7 @@ def os_error(code: int) -> HubOSError:
 def get_int(value: Any) -> int:
     """An integer; floats are :func:`truncated`, as mostly in the firmware. Raises TypeError if it
     is not a number."""
-    # Nearly all arguments are plain integers, so these come first.
+    # Plain integers come first, because nearly all arguments are.
     if type(value) is int:
         return value
     if isinstance(value, int | float):

@@ -32,7 +32,7 @@ def _of_hub(error: Exception) -> Exception:
         return os_error(error.errno or errno.EPERM)
     if isinstance(error, RefusedError):
         return ValueError("Invalid argument")
-    # PBIO_ERROR_FAILED, of a move that rounding made infeasible
+    # The firmware raises this (PBIO_ERROR_FAILED) for a move that rounding made infeasible.
     return RuntimeError("Unknown error")
 
 
@@ -64,7 +64,7 @@ class Async:
         if self._state > self._RUNNING:
             raise StopIteration
         # At its first turn a command has just been given, and another task may wait for what it
-        # does: no time passes before the others have had their turn.
+        # does. So no time passes before the others have had their turn.
         self._context.is_waiting = self._state == self._RUNNING
         self._state = self._RUNNING
         if not self._is_done():
@@ -115,7 +115,7 @@ class Context:
 
     def yield_once(self) -> Async:
         """An awaitable that only yields to other tasks."""
-        # Not done when it is first asked, done when it is asked again.
+        # The operation is not done when it is first asked, but when it is asked again.
         checks = iter((False, True))
 
         def is_done() -> bool:
@@ -142,7 +142,8 @@ class Context:
         if self.is_active:
             return Async(self, is_done, result, on_close)
         while not is_done():
-            # Motors change only in a control loop: nothing to look at before the next one.
+            # Motors change only in a control loop, so nothing needs to be looked at before the next
+            # one.
             to_next_loop_ms = CONTROL_LOOP_MS - self.machine.time_ms % CONTROL_LOOP_MS
             self.machine.advance(poll_ms or to_next_loop_ms)
         return result() if result is not None else None
@@ -202,7 +203,7 @@ class Native:
     _machine: Machine
 
     def __init_subclass__(cls) -> None:
-        # A program's own subclass is not the firmware's: its methods are byte code.
+        # A program's own subclass is no class of the firmware: its methods are byte code.
         if not is_native(cls):
             return
         for name, method in list(vars(cls).items()):
@@ -236,7 +237,7 @@ def bind(
     names: dict[str, Any] = {"_context": context, "_machine": context.machine}
     for name in hidden:
         names[name] = _Absent()
-    # The class passes for the firmware's own, also in what it prints.
+    # The class passes for the firmware's own, even in what it prints.
     names["__qualname__"] = kind.__qualname__
     names["__module__"] = kind.__module__
     return type(kind.__name__, (kind,), names)
@@ -274,4 +275,4 @@ class _Absent:
         instance: Any,
         value: Any,
     ) -> None:
-        """Without effect."""
+        """Do nothing, because the attribute cannot be set."""

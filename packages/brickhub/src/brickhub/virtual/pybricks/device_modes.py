@@ -34,12 +34,12 @@ _NOTHING_NEAR = -1
 _ECHO_US_PER_MM = 2 / 0.343
 """There and back, at the speed of sound, 0.343 mm/us."""
 _MAX_ECHO_US = 14_577
-# Each force sensor has its own, as CALIB reports; these are of one.
+# CALIB reports these values, which each force sensor has for itself; they are of one sensor.
 _FORCE_RELEASED_RAW = 384
 _FORCE_MAX_RAW = 701
 _BOOST_FULL_RAW = 440
 _SPIKE_FULL_RAW = 1024
-# What the sensors' own color modes tell: numbers of LEGO's colors, -1 for none.
+# The sensors' own color modes tell these numbers of LEGO's colors, and -1 for none.
 _LEGO_COLORS: Mapping[int, Hsv] = {
     -1: (0, 0, 0), 0: (0, 0, 10), 3: (240, 100, 100), 4: (180, 100, 100), 5: (120, 100, 100),
     7: (60, 100, 100), 9: (0, 100, 100),
@@ -86,7 +86,7 @@ class Plug:
         """Reflected light as a color sensor sends it: the BOOST sensor up to 440, that of SPIKE up
         to 1024."""
         hue, saturation, value = self.color()
-        # The firmware bends saturation and value by parabolas, in reflected_hsv; these are their
+        # The firmware bends saturation and value by parabolas, in reflected_hsv. These are their
         # inverses, so that a program reads the color that is there.
         raw_saturation: float
         if is_boost:
@@ -109,11 +109,11 @@ class Plug:
         ``get_hsv_data``)."""
         raw = self.raw_rgb(is_boost)
         if is_boost:
-            # 440 becomes 255, without a division.
+            # The firmware multiplies and shifts, which turns 440 into 255 without a division.
             red, green, blue = (1187 * channel // 2048 for channel in raw)
             hue, saturation, value = _hsv_of_bytes(red, green, blue)
             return hue, saturation, value * (200 - value) // 100
-        # 1024 itself would not fit into a byte.
+        # The value 1024 itself would not fit into a byte.
         red, green, blue = (min(channel >> 2, 255) for channel in raw)
         hue, saturation, value = _hsv_of_bytes(red, green, blue)
         bent_saturation = saturation * (200 - saturation) // 100
@@ -121,7 +121,7 @@ class Plug:
 
     def distance_mm(self) -> int | None:
         """Distance for an ultrasonic sensor; ``None`` if nothing is near."""
-        # The body tells its farthest distance for nothing.
+        # The body tells its farthest distance where there is nothing.
         distance_mm = self.machine.body.distance_mm(self.port)
         return distance_mm if distance_mm < UltrasonicSensor.FARTHEST_MM else None
 
@@ -129,7 +129,7 @@ class Plug:
         """Reflected infrared light: the more, the nearer
         (``pb_type_pupdevices_infraredsensor.c``)."""
         distance_pct = number(self._sensed(Sense.DISTANCE))
-        # At 0 the formula, an inverse, has no value.
+        # The formula divides by the distance, so it has no value at 0.
         distance_pct = min(max(distance_pct, 1.0), 100.0)
         return min(round(1100 / distance_pct) - 10, _INFRARED_MAX_RAW)
 
@@ -158,7 +158,7 @@ class Plug:
         elapsed_ms = now_ms - last_ms
         if not last_ms or not elapsed_ms:
             return 0
-        # mdeg/ms is deg/s
+        # mdeg/ms equals deg/s, so the number needs no conversion.
         max_deg_s = self.machine.servos[self.port].type.max_speed_deg_s
         speed_pct = 100 * (now_mdeg - last_mdeg) / (elapsed_ms * max_deg_s)
         return max(-100, min(100, round(speed_pct)))
@@ -216,7 +216,7 @@ class DeviceModes:
     def stale_ms(self, mode: str) -> int:
         """Time after a change to a mode until values are fresh
         (``lego_device_stale_data_delay``)."""
-        # In these a device only listens: it sends nothing that could be stale.
+        # In these modes a device only listens and sends nothing that could be stale.
         return 0 if mode in ("LIGHT", "IR Tx") else self._stale_ms
 
 
@@ -234,7 +234,6 @@ def _hsv_of_bytes(
     accurate (``pb_color_map_rgb_to_hsv``)."""
     largest = max(red, green, blue)
     chroma = largest - min(red, green, blue)
-    # A sixth of the circle to either side of the largest channel.
     if not chroma:
         hue = 0
     elif largest == red:
@@ -287,8 +286,8 @@ def _force_raw(plug: Plug) -> Iterable[int]:
     return (raw,)
 
 
-# The modes of each device in the order of their numbers, in the short form of a table: name,
-# number and type of values, and how they are read.
+# These are the modes of each device in the order of their numbers: name, number and type of values,
+# and how they are read. The short names keep them a table.
 _8, _16, _32 = DataType
 _REFLECTION = DeviceMode(
     "REFLT",

@@ -24,6 +24,7 @@ def restore_firmware() -> None:
 def experimental_module(hub: HubModel) -> ModuleType:
     """The module of a kind of hub."""
     names: dict[str, Any] = {"hello_world": hello_world}
-    if hub.storage_bytes > 128:  # hubs with a chip of flash memory, which keeps LEGO's firmware
+    # Only hubs with a chip of flash memory keep LEGO's firmware, and can restore it.
+    if hub.storage_bytes > 128:
         names["restore_firmware"] = restore_firmware
     return module("experimental", names)

@@ -31,16 +31,15 @@ _IDLE_CURRENT_MA = 100
 _ROOM_TEMPERATURE_MDEG = 25_000
 _SIZE = 5
 """Rows and columns of the light matrix."""
-# Clockwise quarter turns that bring this side of the hub to the top of the picture.
 _QUARTER_TURNS = {"TOP": 0, "FRONT": 0, "RIGHT": 1, "BOTTOM": 2, "BACK": 2, "LEFT": 3}
 _MAX_BRIGHTNESS = 100
 _MAX_FRAMES = 255
-# Name, sign, octave, slash, fraction, dot, tie. What must be there is optional in the pattern, as
-# the firmware tells which part is missing.
+# The groups are name, sign, octave, slash, fraction, dot and tie. What must be there is optional in
+# the pattern, because the firmware tells which part is missing.
 _NOTE = re.compile(r"(?:R|([A-G])([#b]?)([0-9])?)(/)?(\d\d?)?(\.?)(_?)")
 _FORBIDDEN_NOTES = ("Cb", "B#", "E#", "Fb")
 _SEMITONES = {"C": 0, "D": 2, "E": 4, "F": 5, "G": 7, "A": 9, "B": 11}
-# C0 to B0, in hundredths of a Hz; each octave above doubles them.
+# The firmware's table has C0 to B0 in hundredths of a Hz, because each further octave doubles them.
 _LOWEST_OCTAVE_CHZ = (1635, 1732, 1835, 1945, 2060, 2183, 2312, 2450, 2596, 2750, 2914, 3087)
 _MOVED_MESSAGE = b"""Hub messaging has been moved. You should use:\r
 \r
@@ -65,12 +64,13 @@ class ColorLight(Native):
         color: Any,
         durations: Any,
     ) -> None:
-        # Never more than its length says, of a sequence that a program has written itself.
+        # A program's own sequence may go on beyond its length, so only that many durations are
+        # taken.
         count = len(durations)
         durations_ms = [get_int(duration) for duration in itertools.islice(durations, count)]
         expect(all(duration > 0 for duration in durations_ms))
         self._show(color)
-        # On for the first duration, off for the second, and so on.
+        # The light is on for the first duration, off for the second, and so on.
         frames = []
         for index, duration_ms in enumerate(durations_ms):
             shown_color = None if index % 2 else color
@@ -148,7 +148,6 @@ class LightMatrix(_Timed):
             turned = []
             for row in range(_SIZE):
                 for column in range(_SIZE):
-                    # Clockwise: a row of the new picture is a column of the old one, from below.
                     old_row = _SIZE - 1 - column
                     turned.append(pixels[old_row * _SIZE + row])
             pixels = turned
@@ -186,11 +185,11 @@ class LightMatrix(_Timed):
         panel = self._machine.panel
         if panel.stop_animation("display"):
             panel.show([0] * _SIZE**2)
-        # The firmware ignores a pixel outside.
+        # The firmware ignores a pixel outside of the display.
         if not (0 <= row_index < _SIZE and 0 <= column_index < _SIZE):
             return
-        # The display keeps what was shown before as it was turned then; only this pixel is turned
-        # now, by where its number goes to.
+        # What was shown before stays as it was turned then, and only this pixel is turned now. Its
+        # place is found by turning the numbers of all pixels.
         turned_numbers = self._turned([*range(_SIZE**2)])
         place = turned_numbers.index(row_index * _SIZE + column_index)
         pixels = list(panel.display)
@@ -213,7 +212,7 @@ class LightMatrix(_Timed):
     def _show_symbol(self, symbol: Any) -> None:
         """Show a character or a number; numbers of more than two digits are shown as < or >."""
         if isinstance(symbol, str):
-            # The firmware has pictures of the printable characters of ASCII.
+            # The firmware has pictures of the printable ASCII characters only.
             expect(len(symbol) == 1)
             expect(32 <= ord(symbol) <= 126)
             text = symbol
@@ -254,7 +253,8 @@ class LightMatrix(_Timed):
         for index, char in enumerate(text):
             self._show_symbol(char)
             yield from self._until(self._machine.time_ms + on_ms)
-            # Without a pause characters follow each other directly; the last one goes out anyway.
+            # Without a pause, characters follow each other directly, and only the last one goes
+            # out.
             if off_ms > 0 or index == len(text) - 1:
                 self._show([0] * _SIZE**2)
                 yield from self._until(self._machine.time_ms + off_ms)
@@ -302,7 +302,7 @@ class Speaker(_Timed):
         frequency_hz = get_int(frequency)
         duration_ms = get_int(duration)
         self._machine.panel.change(sound_hz=frequency_hz)
-        # A negative duration is a tone without an end, for which nobody waits.
+        # A negative duration means a tone without an end, for which nobody waits.
         if duration_ms < 0:
             return None
         end_ms = self._machine.time_ms + duration_ms
@@ -314,7 +314,6 @@ class Speaker(_Timed):
         tempo: Any = 120,
     ) -> Any:
         remaining = iter(notes)
-        # Four beats a bar; the tempo is in beats a minute.
         bar_ms = 4 * 60 * 1000 // get_int(tempo)
         return self._play(self._sounds(remaining, bar_ms), self._silence)
 
@@ -390,7 +389,8 @@ class Keypad(Native):
         return buttons(names, self._machine.robot.hub.model)
 
 
-ColorLight.__name__ = Keypad.__name__ = ""  # as in the firmware
+# These classes have no name in the firmware either.
+ColorLight.__name__ = Keypad.__name__ = ""
 
 
 class Battery(Native):
@@ -427,17 +427,18 @@ class System(Native):
         if len(self._machine.robot.hub.model.buttons) == 1:
             panel.stop_buttons = frozenset({STOP_BUTTON}) if button else frozenset()
             return
-        # One button, or a set of them.
+        # The argument may be one button, or a set of them.
         try:
             chosen = list(button) if button else []
         except TypeError:
             chosen = [button]
         names = set()
         for choice in chosen:
-            # By name, as ``parameters.Button`` of a program is an object whose class has it too.
+            # Types are compared by name, because `parameters.Button` of a program is an object
+            # whose class has this name too.
             if type(choice).__name__ != Button.__name__:
                 expect_type(button, Button)
-            # "Button.CENTER"; ``Button`` itself has nothing after a dot.
+            # "Button.CENTER" has its name after the dot, where `Button` itself has nothing.
             name = str(choice).partition(".")[2].lower()
             if name:
                 names.add(name)
@@ -580,10 +581,10 @@ def hubs_module(context: Context, model: HubModel) -> ModuleType:
     parts = {}
     for name, kind in kinds.items():
         parts[name] = bind(context, kind)()
-    # These two are modules in the firmware, not objects.
+    # In the firmware these two are modules and not objects.
     parts["battery"] = _as_module("battery", parts["battery"])
     parts["system"] = _as_module("", parts["system"])
-    # The older name, of hubs with a single button.
+    # Hubs with a single button have this older name too.
     if len(model.buttons) == 1:
         parts["button"] = parts["buttons"]
     base: type[_Hub] = _Hub

@@ -17,7 +17,8 @@ from brickhub.virtual.pybricks.matrix import Matrix, vector
 from brickhub.virtual.pybricks.parameters import Axis, Side
 
 _DEG_PER_RAD = 57.296
-"""As rounded in the firmware, whose angles differ from the exact ones in the last digits."""
+"""Degrees of a radian, as rounded in the firmware, whose angles differ from the exact ones in the
+last digits."""
 _GRAVITY_MM_S2 = 9806.65
 _REST_MS = 1000
 """Duration of 833 samples of the gyroscope, all below the threshold."""
@@ -33,8 +34,8 @@ _SETTINGS: dict[str, tuple[Any, float]] = {
 _Vector = tuple[float, float, float]
 _MM_S2_PER_STEP = 0.244 * 9.81
 """Resolution of the accelerometer (LSM6DS3TR-C) in its range of 8 g."""
-# The Move hub's sensor (LIS3DH) in its range of 2 g has 8 bits; the firmware shows a count as a
-# whole number of mm/s2, for want of floats.
+# In its range of 2 g, the Move hub's sensor (LIS3DH) has 8 bits. The firmware has no floats there,
+# so it shows a count as a whole number of mm/s2.
 _COUNTS_PER_G = 64
 _G_MM_S2 = 9806.65
 _MM_S2_PER_COUNT = 158
@@ -83,7 +84,7 @@ def _project(value: _Vector, axis: Any) -> float:
 
 
 def _dot(a: _Vector, b: _Vector) -> float:
-    # Beginning with 0.0, so that the result is never -0.0.
+    # The sum begins with 0.0, so that it is never -0.0.
     total = 0.0
     total += a[0] * b[0]
     total += a[1] * b[1]
@@ -125,7 +126,7 @@ class IMU(Native):
         expect(_dot(top, top))
         front = _scaled_to_one(front)
         top = _scaled_to_one(top)
-        # The third axis is the vector product of the first two: top x front.
+        # The third axis is the vector product of the first two, top x front.
         a, b, c = top
         x, y, z = front
         left = (
@@ -136,7 +137,7 @@ class IMU(Native):
         self._frame = front, left, top
         self._heading.frame = self._frame
         if self._bench is not None:
-            # The robot's vertical in the hub's frame.
+            # This is the robot's vertical in the hub's frame.
             up = (front[2], left[2], top[2])
             self._bench.mount(up)
         self._heading.set_angle(0.0)
@@ -154,12 +155,12 @@ class IMU(Native):
         return self._machine.heading
 
     def tilt(self, calibrated: Any = True) -> tuple[float, float]:
-        # The body's angles are exact for a calibrated hub that is mounted upright and forward.
+        # For a calibrated hub that is mounted upright and forward, the body's angles are exact.
         pitch, roll = self._machine.body.tilt_deg()
         if not (calibrated and self._is_aligned):
             x, y, z = self._in_robot_frame(self._upwards(calibrated))
             pitch = math.atan2(-x, math.hypot(y, z)) * _DEG_PER_RAD
-            # Without + 0.0 a -0.0 would change it by 360 degrees.
+            # Adding 0.0 keeps a -0.0 from changing the angle by 360 degrees.
             roll = math.atan2(y + 0.0, z) * _DEG_PER_RAD
         tilt = to_single(pitch), to_single(roll)
         if self._machine.log is not None:
@@ -174,7 +175,7 @@ class IMU(Native):
         axis: Any = None,
         calibrated: Any = True,
     ) -> Any:
-        # In whole steps of the sensor, as a hub reads them.
+        # A hub reads whole steps of the sensor.
         x, y, z = (
             round(part / _MM_S2_PER_STEP) * _MM_S2_PER_STEP
             for part in self._machine.body.acceleration_mm_s2()
@@ -216,7 +217,7 @@ class IMU(Native):
         pitch_deg, roll_deg = self._machine.body.tilt_deg()
         pitch = math.radians(pitch_deg)
         roll = math.radians(roll_deg)
-        # A heading is clockwise, a rotation about the upward axis counterclockwise.
+        # A heading counts clockwise, but a rotation about the upward axis counterclockwise.
         yaw = -math.radians(self._heading.yaw_deg())
         cp = math.cos(pitch)
         sp = math.sin(pitch)
@@ -224,8 +225,8 @@ class IMU(Native):
         sr = math.sin(roll)
         cy = math.cos(yaw)
         sy = math.sin(yaw)
-        # The rotation matrix R = Rz(yaw) Ry(pitch) Rx(roll): rows are the world's axes in the
-        # hub's frame.
+        # This is the rotation matrix R = Rz(yaw) Ry(pitch) Rx(roll), whose rows are the world's
+        # axes in the hub's frame.
         return Matrix(
             [
                 [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
@@ -245,7 +246,8 @@ class IMU(Native):
         rates = self._machine.body.angular_velocity_deg_s()
         if any(abs(rate) >= limit for rate in rates):
             self._turned_ms = self._machine.time_ms
-        # Times at which it was last turned, or driven by a motor; None for never.
+        # These are the times at which the hub was last turned or driven by a motor, and None for
+        # never.
         candidates_ms = [self._turned_ms, *(servo.driven_ms for servo in servos)]
         moved_ms = [time_ms for time_ms in candidates_ms if time_ms is not None]
         if moved_ms and self._machine.time_ms - max(moved_ms) < _REST_MS:
@@ -261,7 +263,7 @@ class IMU(Native):
         angular_velocity_scale: Any = None,
         acceleration_correction: Any = None,
     ) -> tuple[Any, ...] | None:
-        # In the order of the arguments: a refused one leaves those before it set.
+        # The order of the arguments matters: a refused one leaves those before it set.
         arguments = {
             "angular_velocity_threshold": angular_velocity_threshold,
             "acceleration_threshold": acceleration_threshold,
@@ -284,7 +286,7 @@ class IMU(Native):
         """An acceleration, corrected by the readings for gravity along each axis that a program has
         set."""
         limits = self._settings["acceleration_correction"]
-        # The mean of both readings is the offset of an axis, half their difference its gravity.
+        # The mean of both readings is an axis's offset, and half their difference its gravity.
         upward = limits[::2]
         downward = limits[1::2]
         readings = zip(force, upward, downward, strict=True)
@@ -311,7 +313,7 @@ class IMU(Native):
         return x, y, z
 
     def _in_robot_frame(self, vector: _Vector) -> _Vector:
-        # Unchanged, and so without rounding, for a hub that is mounted as it usually is.
+        # A hub that is mounted as usual gets the vector unchanged, and so without rounding.
         if self._is_aligned:
             return vector
         front, left, top = self._frame
@@ -376,7 +378,7 @@ class Accelerometer(Native):
             left = -left
         self._axes = front, left, top
         if isinstance(self._machine.body, FittedBench):
-            # Where the robot's third axis, its vertical, is in the hub's frame.
+            # This is where the robot's third axis, its vertical, lies in the hub's frame.
             x, y, z = (float((axis == 3) - (axis == -3)) for axis in self._axes)
             self._machine.body.mount((x, y, z))
 
@@ -394,7 +396,7 @@ class Accelerometer(Native):
         return pitch_deg, roll_deg
 
     def _counts(self) -> Sequence[int]:
-        # Rounded down and saturated to the 8 bits of the sensor.
+        # The sensor has 8 bits, so counts are rounded down and saturated.
         counts = []
         for part in self._machine.body.acceleration_mm_s2():
             count = math.floor(part * _COUNTS_PER_G / _G_MM_S2)
@@ -416,7 +418,7 @@ def _atan2_deg(y: int, x: int) -> int:
         return 90 if y > 0 else -90
     ratio = abs(1024 * y) // abs(x)
     angle = _arc_tangent_eighths(ratio) // 8
-    # Of the magnitudes so far: both signs decide the quadrant.
+    # The angle so far is that of the magnitudes, and both signs decide the quadrant.
     if (x > 0) != (y > 0):
         angle = -angle
     if x > 0:

@@ -27,7 +27,7 @@ from brickhub.virtual.pybricks.pupsensors import Device
 from brickhub.virtual.pybricks.wireless import LWP3Device, XboxController
 
 _BITS_PER_BYTE = 10
-"""With start and stop bit."""
+"""Bits of a byte with its start and stop bit."""
 _WARNING = (
     b"Custom electronics may damage your LEGO hub. Proceed at your own risk.\r\n"
     b"Press Y to proceed. Press N to cancel.\r\n"
@@ -61,7 +61,7 @@ class PUPDevice(Device):
     def read(self, mode: Any) -> Any:
         device_mode = self._checked_mode(mode, "Invalid argument")
         self._release_motor(device_mode.name)
-        # Names of the columns in the log of a run: one for each value.
+        # A run's log needs a column for each value of the mode.
         name = device_mode.name.replace(" ", "_")
         columns = [name]
         if device_mode.count > 1:
@@ -114,7 +114,7 @@ def _device_id(machine: Machine, port: str) -> int | None:
     for device in (*machine.robot.motors, *machine.robot.sensors):
         if device.port == port:
             return device.kind.model.device_id
-    # A bench has no description: its devices are what the program has asked for.
+    # A bench has no description, so its devices are what the program has asked for.
     bench = machine.body
     if not isinstance(bench, FittedBench):
         return None
@@ -165,7 +165,7 @@ class UARTDevice(Native):
         self._bits_per_s = rate
 
     def read(self, length: Any = 1) -> Any:
-        # Nobody sends anything: only a timeout ends a read of a byte or more.
+        # Nobody sends anything, so only a timeout ends a read of a byte or more.
         duration_ms = math.inf if get_int(length) > 0 else 0.0
         transfer = self._transfer("read", duration_ms)
         return self._reads.finish(transfer, lambda: b"", poll_ms=1)
@@ -204,7 +204,7 @@ class UARTDevice(Native):
 
         def is_done() -> bool:
             nonlocal start_ms
-            # An awaitable begins when its task first runs, not when it is made.
+            # An awaitable begins when its task first runs, and not when it is made.
             if start_ms is None:
                 if direction in self._busy:
                     raise os_error(errno.EBUSY)

@@ -15,7 +15,7 @@ class Matrix:
     _rows: list[list[float]]
 
     def __new__(cls, rows: Any) -> Any:
-        # Immutable, so one that is a matrix already can be shared.
+        # A matrix cannot be changed, so its rows can be shared.
         if isinstance(rows, Matrix):
             return rows
         values = []
@@ -36,13 +36,13 @@ class Matrix:
         return _from_rows([list(column) for column in columns])
 
     def __iter__(self) -> Iterator[float]:
-        # Row by row, as MicroPython's own iterator of the class.
+        # MicroPython's own iterator of the class goes row by row.
         return iter([number for row in self._rows for number in row])
 
     def __getitem__(self, index: Any) -> float:
         rows, columns = self.shape
         flat = list(self)
-        # Stays so, out of range, for an index that the matrix does not have.
+        # For an index that the matrix does not have, this stays out of range.
         position = -1
         if isinstance(index, int):
             position = index + len(flat) if index < 0 else index
@@ -84,8 +84,8 @@ class Matrix:
         return self._scaled(to_single(get_number(other)))
 
     def __truediv__(self, other: Any) -> Any:
-        # The firmware multiplies by the reciprocal, which rounds once more than a division, and
-        # divides by 0 to infinity.
+        # The firmware multiplies by the reciprocal. That rounds once more than a division, and
+        # dividing by 0 gives infinity.
         divisor = to_single(get_number(other))
         reciprocal = to_single(1 / divisor) if divisor else math.inf
         return self._scaled(reciprocal)
@@ -130,7 +130,7 @@ def _from_end(index: Any, size: int) -> int:
 
 
 def _from_rows(rows: list[list[float]]) -> Any:
-    # As on a hub, a product of a row and a column is a number, not a matrix.
+    # On a hub, the product of a row and a column is a number and not a matrix.
     if len(rows) == 1 and len(rows[0]) == 1:
         return rows[0][0]
     result = object.__new__(Matrix)
@@ -139,7 +139,7 @@ def _from_rows(rows: list[list[float]]) -> Any:
 
 
 def _dot(a: Sequence[float], b: Sequence[float]) -> float:
-    # Rounded after each operation, as the hub's processor does, in 32 bits.
+    # Each operation is rounded to 32 bits, as by the hub's processor.
     total = 0.0
     for x, y in zip(a, b, strict=True):
         total = to_single(total + to_single(x * y))
@@ -148,8 +148,8 @@ def _dot(a: Sequence[float], b: Sequence[float]) -> float:
 
 def _fixed(x: float) -> str:
     """Three decimals, cut off, eight characters wide, at most 999.999."""
-    # Limited before it becomes an integer, as infinity cannot; a NaN, which differs from itself,
-    # is shown as 0.
+    # The value is limited before it becomes an integer, which infinity cannot. A NaN, which differs
+    # from itself, is shown as 0.
     thousandths = 0
     if x == x:
         thousandths = int(max(-1e6, min(1e6, x * 1000)))

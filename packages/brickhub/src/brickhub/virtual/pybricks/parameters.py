@@ -60,11 +60,12 @@ _GRAY = (0, 0)
 """Hue and saturation of a gray."""
 _FULL = (100, 100)
 """Saturation and value of a full color."""
-# A measured color is taken for a gray up to this saturation, or up to this value.
+# A measured color counts as a gray up to this saturation, or up to this value.
 _MAX_GRAY_SATURATION_PCT = 40
 _MAX_GRAY_VALUE_PCT = 1
 _OTHER_KIND_DISTANCE = 1000
-"""Above every distance between hues or values, so that a color of the same kind comes first."""
+"""Distance between colors of different kinds. It is above every distance between hues or values, so
+that a color of the same kind comes first."""
 _REMOTE_BUTTONS = "LEFT RIGHT CENTER LEFT_PLUS LEFT_MINUS RIGHT_PLUS RIGHT_MINUS"
 _BUTTONS = (
     f"{_REMOTE_BUTTONS} UP DOWN LEFT_UP LEFT_DOWN RIGHT_UP RIGHT_DOWN BEACON "
@@ -77,7 +78,7 @@ class Icon:
 
     def __call__(self, *bits: Any) -> Any:
         expect(len(bits) == 1)
-        # 25 bits, five for each row; those of the rows above are left in and ignored.
+        # A number has 25 bits, five for each row. Those of the rows above are left in and ignored.
         number = get_int(bits[0])
         return _picture([number >> shift for shift in (20, 15, 10, 5, 0)])
 
@@ -90,7 +91,7 @@ class Icon:
 def _picture(rows: Sequence[int]) -> Any:
     pixels = []
     for row in rows:
-        # The leftmost light is the highest bit.
+        # The highest bit is the leftmost light.
         lights = [row >> bit & 1 for bit in (4, 3, 2, 1, 0)]
         pixels.append([100 if is_lit else 0 for is_lit in lights])
     return Matrix(pixels)
@@ -127,7 +128,7 @@ def _ideal_distance(measured: Hsv, candidate: Hsv) -> int:
 
 
 def _hue_distance(a: int, b: int) -> int:
-    # The shorter way around the circle.
+    # The difference is taken the shorter way around the circle.
     difference = abs(a - b)
     return min(difference, 360 - difference)
 
@@ -137,7 +138,7 @@ def _cone_distance(a: Hsv, b: Hsv) -> int:
     from all colors."""
     ax, ay, az = _in_cone(a)
     bx, by, bz = _in_cone(b)
-    # The sine is 10 000 times too large; divided only here, it loses fewer digits.
+    # The sine is 10 000 times too large. Dividing only here loses fewer digits.
     dx = trunc((bx - ax) / 10_000)
     dy = trunc((by - ay) / 10_000)
     dz = bz - az
@@ -156,7 +157,7 @@ def _in_cone(color: Hsv) -> tuple[int, int, int]:
 def _sine(angle_deg: int) -> int:
     """10 000 times the sine, by parabolas."""
     x = angle_deg % 360
-    # The second half is the first one upside down, and each half is symmetric.
+    # The second half of a sine is the first one upside down, and each half is symmetric.
     sign = 1
     if x >= 180:
         x -= 180
@@ -227,7 +228,7 @@ class Color:
         hue = get_int(h) % 360
         saturation = max(0, min(100, get_int(s)))
         value = max(-100, min(100, get_int(v)))
-        # Past __setattr__, which refuses: a color cannot be changed.
+        # This goes past __setattr__, which refuses because a color cannot be changed.
         object.__setattr__(self, "h", hue)
         object.__setattr__(self, "s", saturation)
         object.__setattr__(self, "v", value)
@@ -266,7 +267,7 @@ class Color:
 
     def __truediv__(self, scale: Any) -> "Color":
         divisor = get_number(scale)
-        # By 0, the hub's infinity saturates at the largest value of the same sign.
+        # Divided by 0, the hub's infinity saturates at the largest value of the same sign.
         sign = (self.v > 0) - (self.v < 0)
         value = self.v / divisor if divisor else 100 * sign
         return Color(self.h, self.s, value)
@@ -319,7 +320,7 @@ class _Palette:
         del self._colors[name]
 
     def __getattr__(self, name: str) -> Any:
-        # Python's own queries, such as whether this is a class.
+        # Python itself asks for such names, for example whether this is a class.
         if name.startswith("__"):
             raise AttributeError(name)
         return self._colors[name]
@@ -346,7 +347,7 @@ class Axis:
 
 
 _Palette.__name__ = _Palette.__qualname__ = "Color"
-# Of a hub without floating-point numbers, which has no vectors either.
+# A hub without floating-point numbers has no vectors either, so its axes are numbers.
 _NumberedAxis = type("Axis", (), {"X": 1, "Y": 2, "Z": 3})
 
 
@@ -354,7 +355,7 @@ def parameters_module(context: Context) -> ModuleType:
     hub = context.machine.robot.hub.model
     button_names = _BUTTONS if hub.has_float else _REMOTE_BUTTONS
     members = {name: getattr(Button, name) for name in button_names.split()}
-    # Not a class but an object, as in the firmware: a program may hand ``Button`` itself over.
+    # As in the firmware, Button is an object and not a class, and a program may hand it over.
     button = type("Button", (), {"__repr__": lambda self: "Button", **members})()
     names: dict[str, Any] = {
         "Axis": Axis if hub.has_float else _NumberedAxis,

@@ -140,7 +140,7 @@ class Control(Native):
         settings.set_group(name, map(magnitude, values, current))
         return None
 
-    # ---- of older versions, and still there
+    # Programs still use the methods of older versions that follow.
 
     def trajectory(self) -> tuple[int, ...] | None:
         """Times (ms), angles (deg), speeds (deg/s) and accelerations (deg/s2) of the phases, while
@@ -148,7 +148,8 @@ class Control(Native):
         controller = self._controller()
         if not controller.is_active:
             return None
-        # From ticks of 0.1 ms, mdeg and ddeg/s; accelerations are in deg/s2 already.
+        # Times are ticks of 0.1 ms, angles mdeg and speeds ddeg/s, but accelerations already
+        # deg/s2.
         t = controller.trajectory
         return (
             0,
@@ -209,7 +210,7 @@ class Log(Native):
         logger.is_active = False
         if path is not None and not isinstance(path, str):
             raise TypeError(f"can't convert '{type(path).__name__}' object to str implicitly")
-        # pybricksdev writes what is between these two lines into a file.
+        # Only what is between these two lines goes into a file, which pybricksdev writes.
         lines = [f"PB_OF:{path or 'log.txt'}"]
         for row in logger.rows:
             lines.append(", ".join(map(str, row)))
@@ -264,7 +265,7 @@ def _gear_ratio_milli(gears: Any) -> int:
     """1000 times the motor's turns for one of the output, from ``(12, 36)`` or ``((12, 20), (20,
     40))``."""
     trains = () if gears is None else get_array(gears)
-    # A single train may be given without a list around it.
+    # A single train of gears may be given without a list around it.
     if trains and isinstance(trains[0], int) and isinstance(trains[-1], int):
         trains = (trains,)
     # Gears between the first and the last of a train do not change its ratio.
@@ -327,7 +328,7 @@ class DCMotor(_BaseMotor):
         positive_direction: Any = Direction.CLOCKWISE,
     ) -> None:
         super().__init__(port, positive_direction)
-        # On a bench a motor with an encoder may stand for what the program asks for.
+        # On a bench, a motor with an encoder may stand for what the program asks for.
         is_fitted = self._machine.plug_in(self._letter, "DCMotor")
         servo = self._machine.servos.get(self._letter)
         if servo is None or (servo.kind.model.has_encoder and not is_fitted):
@@ -353,12 +354,12 @@ class Motor(_BaseMotor):
         servo = self._machine.servos.get(self._letter)
         mode = self._machine.modes.get(self._letter)
         mode_name = mode.name if mode else None
-        # One that a program has set up as a DCMotor, or put into another mode, sends no angles.
+        # A motor that a program has set up as a DCMotor, or put into another mode, sends no angles.
         if servo is None or servo.is_plain or not reports_angle(servo.kind, mode_name):
             raise os_error(errno.ENODEV)
         ratio = _gear_ratio_milli(gears)
         with firmware_errors():
-            # 0 is the profile of the motor itself.
+            # The motor's own profile is 0 here.
             profile_deg = 0 if profile is None else abs(get_int(profile))
             servo.setup(
                 self._direction,
@@ -368,12 +369,10 @@ class Motor(_BaseMotor):
             )
         self._servo = servo
         self._awaited = Awaited(self._context)
-        # Asked for at each use, as a new setup of the motor makes new ones.
+        # The control is asked for at each use, because a new setup of the motor makes a new one.
         self.control = Control(lambda: servo.control, self._context)
         self.log = Log(lambda: servo.log, self._context)
         self.model = MotorModel(lambda: servo.observer, self._machine)
-
-    # ---- reading
 
     def angle(self) -> int:
         return self._servo.angle_deg()
@@ -390,9 +389,8 @@ class Motor(_BaseMotor):
     def done(self) -> bool:
         return self._servo.is_done()
 
-    # ---- commands that do not wait
-
-    # The command comes before the cancel: a refused one leaves the awaited move alone.
+    # In these methods the command comes before the cancel, because a refused one must leave the
+    # awaited move alone.
 
     def hold(self) -> None:
         self._servo.stop(OnCompletion.HOLD)
@@ -409,8 +407,6 @@ class Motor(_BaseMotor):
     def track_target(self, target_angle: Any) -> None:
         self._servo.track_target(get_int(target_angle))
         self._awaited.cancel()
-
-    # ---- moves
 
     def run_time(
         self,
@@ -481,7 +477,7 @@ class Motor(_BaseMotor):
                 angle_deg = self._servo.angle_deg()
                 since_ms = machine.time_ms
                 return False
-            # Something else may end the wait: its time, another task, or a person who watches.
+            # A wait may be ended by its time, by another task, or by a person who watches.
             may_end = ends_by_time or self._context.is_active or machine.pace
             if machine.time_ms - since_ms > _STUCK_MS and not may_end:
                 raise TwinError(
@@ -503,7 +499,7 @@ for one that never arrives."""
 
 def pupdevices_module(context: Context) -> ModuleType:
     kinds = (Remote, TechnicMoveHub, DuploTrain, MarioHub, DCMotor, *DEVICES)
-    # A Move hub's firmware is built without these.
+    # The firmware of a Move hub is built without these.
     model = context.machine.robot.hub.model
     hidden = () if model.has_float else ("control", "log", "model")
     names: dict[str, Any] = {"PFMotor": PFMotor, "Motor": bind(context, Motor, *hidden)}

@@ -27,7 +27,7 @@ _TOUCHED_UM = 100
 _START_MS = 50
 """Time between two looks whether a device is ready, when a program takes it into use."""
 _HSV = ("hue_deg", "saturation_pct", "value_pct")
-# Time until what was written is done (``lego_device_data_set_delay``), in one mode and in others.
+# What was written takes this time (`lego_device_data_set_delay`), in one mode and in others.
 _DELAYS_MS = {"IR Tx": 250}
 _DELAY_MS = 10
 
@@ -49,7 +49,7 @@ class Device(Native):
         self._letter = self._context.port_letter(port)
         if not self._is_plugged_in():
             raise os_error(errno.ENODEV)
-        # The mode belongs to the port: it outlasts this object.
+        # The mode belongs to the port, so it outlasts this object.
         first_mode = PortMode(self._device_modes.first_mode)
         self._mode = self._machine.modes.setdefault(self._letter, first_mode)
         while not self._is_ready():
@@ -78,7 +78,7 @@ class Device(Native):
         of the run."""
 
         def measured() -> Any:
-            # Another task has changed the mode, before the driver knew that this one was asked for.
+            # Another task has changed the mode before the driver knew that this one was asked for.
             if self._mode.name != mode:
                 raise os_error(errno.EPERM)
             value = get()
@@ -98,7 +98,8 @@ class Device(Native):
         """Show the brightness of its light on the panel."""
         panel = self._machine.panel
         limited_pct = max(0, min(100, brightness_pct))
-        # A new dict, as the panel tells a change by comparing the old with the new one.
+        # The dict is a new one, because the panel notices a change by comparing the old with the
+        # new one.
         panel.change(lamps={**panel.lamps, self._letter: limited_pct})
 
     def _write(self, mode: str) -> Any:
@@ -115,7 +116,7 @@ class Device(Native):
         change or command."""
         state = self._mode
         machine = self._machine
-        # Until the device has got a change, its driver takes it to be in the former mode.
+        # Until the device has received a change, its driver takes it to be in the former mode.
         is_in_previous = mode == state.previous and machine.body_ms <= state.changed_ms
         if mode == state.name or is_in_previous:
             return
@@ -183,7 +184,8 @@ class LightArray(Native):
         return self._device._write("LIGHT")
 
 
-LightArray.__name__ = ""  # as in the firmware
+# This class has no name in the firmware either.
+LightArray.__name__ = ""
 
 
 class ColorLight(Native):
@@ -234,12 +236,14 @@ class _ColorDevice(Device):
             return self._detectable
         for candidate in get_array(colors):
             expect_type(candidate, Color)
-        # The program's own list, not a copy: as on a hub, what it changes in there later counts.
+        # The program's own list is kept and not a copy, because on a hub its later changes count
+        # too.
         self._detectable = colors
         return None
 
     def reflection(self) -> Any:
-        # All three channels together: 400 each are full for the BOOST sensor, 1024 for SPIKE's.
+        # All three channels count together: 400 each are full for the BOOST sensor, and 1024 for
+        # SPIKE's.
         full = 12 * 100 if self._is_boost else 3 * 1024
 
         def reflection_pct() -> int:
@@ -295,7 +299,7 @@ class ColorDistanceSensor(_ColorDevice):
         super().__init__(port)
         self.light = ColorLight(self, lambda: self._write("COL O"))
 
-    # This sensor cannot measure without its own light, so both take no argument.
+    # This sensor cannot measure without its own light, so both methods take no argument.
 
     def hsv(self) -> Any:  # type: ignore[override]
         return super().hsv()
@@ -333,7 +337,7 @@ class InfraredSensor(Device):
 
     def __init__(self, port: Any) -> None:
         super().__init__(port)
-        # The device counts since it was plugged in, a program since it began.
+        # The device counts since it was plugged in, but a program since it began.
         self._first_count = self._plug.passed()
 
     count = _reading("LPF2-COUNT", lambda self: self._plug.passed() - self._first_count, "count")
@@ -376,7 +380,7 @@ class ColorLightMatrix(Device):
     _kind = SensorKind.COLOR_LIGHT_MATRIX
 
     def on(self, colors: Any) -> Any:
-        # One color is for all lights. Of nine, one that is missing is of no color either.
+        # One color is for all lights. If one of nine is missing, its light has no color.
         nine = (colors,) * 9 if isinstance(colors, Color) else colors
         pixels = iter(nine)
         for _ in range(9):
@@ -416,5 +420,5 @@ class PFMotor(Native):
     brake = stop
 
 
-# A kind of sensor has the name of its class here.
+# A kind of sensor is named after its class here.
 DEVICES: tuple[type[Device], ...] = tuple(globals()[kind.value] for kind in SensorKind)

@@ -34,7 +34,7 @@ from brickhub.virtual.pybricks.pupdevices import (
 _MAX_DISTANCE_MM = 2**15 - 1
 """Largest way along x or y: the sum of both squares fits into 32 bits."""
 _DEG_PER_RAD = 57.29578
-# Of a Car: the search for the end stops of the steering, and how far before them it stays.
+# A Car searches for the end stops of its steering at this speed, and then stays  before them.
 _STEERING_SPEED_DEG_S = 300
 _POLL_MS = 10
 _SEARCH_TIMEOUT_MS = 10_000
@@ -62,8 +62,6 @@ class DriveBase(Native):
         self._awaited = Awaited(self._context)
         self.distance_control = Control(lambda: base.distance, self._context)
         self.heading_control = Control(lambda: base.heading, self._context)
-
-    # ---- moves
 
     def straight(
         self,
@@ -100,7 +98,7 @@ class DriveBase(Native):
         direction_deg = math.atan2(y, x) * _DEG_PER_RAD
         direction = truncated(to_single(direction_deg))
         expect(max(abs(x), abs(y)) <= _MAX_DISTANCE_MM)
-        # y is to the left, a heading clockwise.
+        # Left is positive in y, but a heading counts clockwise.
         self._base.turn_to(-direction, OnCompletion.HOLD)
         length_mm = math.sqrt(x * x + y * y)
         distance = truncated(to_single(length_mm))
@@ -153,7 +151,7 @@ class DriveBase(Native):
     ) -> None:
         speed_mm_s = get_int(speed)
         turn_rate_deg_s = get_int(turn_rate)
-        # Who awaits the former move goes on, whether this one is accepted or not.
+        # Whoever awaits the former move goes on, whether this one is accepted or not.
         self._awaited.cancel()
         self._base.drive(speed_mm_s, turn_rate_deg_s)
 
@@ -165,8 +163,6 @@ class DriveBase(Native):
 
     def hold(self) -> None:
         self._end(OnCompletion.HOLD)
-
-    # ---- state
 
     def distance(self) -> int:
         return self._base.state()[0]
@@ -185,8 +181,6 @@ class DriveBase(Native):
 
     def stalled(self) -> bool:
         return self._base.is_stalled()
-
-    # ---- settings
 
     def reset(
         self,
@@ -221,7 +215,7 @@ class DriveBase(Native):
                 now_turn_rate,
                 acceleration_value(turn_up, turn_down),
             )
-        # What is not named stays as it is, in whole units of the program.
+        # Settings that are not named stay as they are, in the program's whole units.
         self._base.set_settings(
             magnitude(straight_speed, now_speed),
             acceleration_pair(straight_acceleration, up, down),
@@ -285,12 +279,12 @@ class Car(Native):
         left_deg = self._end_stop(-_STEERING_SPEED_DEG_S, limit_unm)
         right_deg = self._end_stop(_STEERING_SPEED_DEG_S, limit_unm)
         self._max_angle = int((right_deg - left_deg) / 2)
-        # The motor is at its right end stop, so zero is then in the middle.
+        # The motor is at its right end stop, so its zero is then in the middle.
         self._steer.reset_angle(self._max_angle)
         self._steer.track_target(0)
 
     def steer(self, percentage: Any) -> None:
-        # Short of the end stops, against which the motor would push.
+        # The steering stays short of the end stops, against which the motor would push.
         usable_deg = self._max_angle - _BACKLASH_DEG
         target_deg = int(usable_deg * _percentage(percentage) / 100)
         self._steer.track_target(target_deg)
@@ -298,7 +292,7 @@ class Car(Native):
     def drive_power(self, power: Any) -> None:
         power_pct = _percentage(power)
         sign = (power_pct > 0) - (power_pct < 0)
-        # A power of 10 to 100 % becomes a duty of 28 to 100 %.
+        # As in the firmware, a power of 10 to 100 % becomes a duty of 28 to 100 %.
         duty_pct = int(power_pct * 8 / 10) + 20 * sign
         for servo in self._drive:
             if abs(power_pct) < _COAST_BELOW_PCT:

@@ -41,7 +41,7 @@ class StopWatch(Native):
             self._pause = self._machine.time_ms
 
     def resume(self) -> None:
-        # The start moves by the length of the pause, which then does not count.
+        # Moving the start by the length of the pause leaves the pause out of the time.
         if self._pause is not None:
             self._start += self._machine.time_ms - self._pause
             self._pause = None
@@ -75,7 +75,7 @@ class Task:
 
     def __next__(self) -> None:
         context = self._context
-        # It waits itself only while each of its tasks waits: then time may pass.
+        # A set of tasks waits only while each of its tasks waits, and then time may pass.
         all_wait = True
         try:
             for index in tuple(self._open):
@@ -131,9 +131,9 @@ def tools_module(context: Context, app_data: type[Any]) -> ModuleType:
     hub = machine.robot.hub.model
 
     def wait(time: Any) -> Any:
-        # A frequent call, mostly of a plain integer, which needs no other one.
+        # This is called often and mostly with a plain integer, which needs no further call.
         duration_ms = time if type(time) is int else _duration_ms(time)
-        # In a task wait(0) lets the others have their turn.
+        # In a task, wait(0) lets the others have their turn.
         if context.is_active and duration_ms == 0:
             return context.yield_once()
         if not context.is_active and duration_ms <= 0:
@@ -150,8 +150,8 @@ def tools_module(context: Context, app_data: type[Any]) -> ModuleType:
         try:
             iterator = _iterator(task)
             while next(iterator, _DONE) is not _DONE:
-                # Time passes only if nobody has anything to do; a task that has just yielded
-                # goes on in the same millisecond.
+                # Time passes only if nobody has anything to do. A task that has just yielded goes
+                # on in the same millisecond.
                 if context.is_waiting:
                     machine.advance(1)
                 else:
@@ -167,7 +167,7 @@ def tools_module(context: Context, app_data: type[Any]) -> ModuleType:
         count = context.console.available()
         if not count:
             return None
-        # With ``last`` all that has come in is read, and what came before is dropped.
+        # With `last`, everything that has come in is read, and only the last byte counts.
         byte = context.console.read(count if last else 1)[-1]
         return _character(byte) if chr else byte
 
@@ -195,7 +195,8 @@ def _menu(context: Context, entries: tuple[Any, ...]) -> Any:
     machine = context.machine
     display = bind(context, LightMatrix)()
     panel = context.machine.panel
-    # Each is shown once, so that a wrong one is refused at the start; the first one stays.
+    # Each entry is shown once, so that a wrong one is refused at the start. The first one stays on
+    # the display.
     for entry in reversed(entries):
         display._show_symbol(entry)
     context.assert_blocking()
@@ -212,14 +213,14 @@ def _menu(context: Context, entries: tuple[Any, ...]) -> Any:
                 )
             machine.advance(1)
 
-    # The center button selects here instead of stopping the program.
+    # In the menu the center button selects, instead of stopping the program.
     stop_buttons = panel.stop_buttons
     if stop_buttons != {"bluetooth"}:
         panel.stop_buttons = frozenset()
     try:
         selected = 0
         while True:
-            # One press moves by one entry, however long it is.
+            # A press may last for many polls but should move by one entry, so its end is awaited.
             wait_for_buttons(pressed=False)
             down = wait_for_buttons(pressed=True)
             if "center" in down:
@@ -231,7 +232,7 @@ def _menu(context: Context, entries: tuple[Any, ...]) -> Any:
                 step = -1
             selected = (selected + step) % len(entries)
             display._show_symbol(entries[selected])
-        # Else the button that selected would stop the program at once.
+        # The button that selected would otherwise stop the program at once.
         wait_for_buttons(pressed=False)
     finally:
         panel.stop_buttons = stop_buttons

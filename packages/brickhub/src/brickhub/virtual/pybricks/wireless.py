@@ -47,7 +47,7 @@ _XBOX_BUTTONS = (
     "lj",
     "rj",
 )
-"""By their bit in the controller's report; empty for bits without a button."""
+"""Buttons by their bit in the controller's report; empty for bits without a button."""
 _XBOX_EXTRAS = ("upload", "p1", "p2", "p3", "p4")
 _RUMBLE_MOTORS = 4
 _STICK_MAX = 2**15 - 1
@@ -60,7 +60,7 @@ _MAX_PAYLOAD_BYTES = 26
 _NOTHING_HEARD_DBM = -128
 _MAX_EVENT_BYTES = 19
 """Room in a notification of 20 bytes behind the kind of event."""
-# First byte of what AppData itself tells the host.
+# AppData begins what it tells the host itself with this byte.
 _SET_UP = 0
 _CONFIGURE = 1
 
@@ -103,13 +103,13 @@ class Wireless(Native):
         peripherals = self._context.peripherals
         if len(peripherals) >= self._machine.robot.hub.model.peripherals:
             raise os_error(errno.EBUSY)
-        # A device that is connected does not advertise itself, so another search does not find it.
+        # A connected device does not advertise itself, so another search does not find it.
         is_taken = any(device._is_found(self) for device in peripherals)
         is_near = self._is_near() and not is_taken
         peripherals.append(self)
         start_ms = self._machine.time_ms
         longest_ms = self._timeout_ms
-        # The second search takes as long as the first.
+        # The second search takes as long as the first one.
         if longest_ms is not None and self._pause_ms is not None:
             longest_ms = 2 * longest_ms + self._pause_ms
 
@@ -153,7 +153,8 @@ class Wireless(Native):
     name = _unavailable("name")
 
     def _down(self) -> frozenset[str]:
-        """Names of the buttons that are down. Raises OSError, ENODEV, while it is not connected."""
+        """Names of the buttons that are down. Raises OSError, ENODEV, while the device is not
+        connected."""
         if not self._is_connected:
             raise os_error(errno.ENODEV)
         return self._machine.panel.pressed_on(self._kind, self._machine.time_ms)
@@ -187,7 +188,7 @@ class LWP3Device(Wireless):
         num_notifications: Any = 8,
         connect: Any = True,
     ) -> None:
-        # Only checked: such a device is never near.
+        # The numbers are only checked, because such a device is never near.
         for number in (num_notifications, hub_kind):
             get_exact_int(number)
         super().__init__(name, timeout, connect)
@@ -229,7 +230,7 @@ class Remote(Wireless):
 
     def name(self, *name: Any) -> Any:
         panel = self._machine.panel
-        # "Handset" is LEGO's own name of it.
+        # LEGO's own name of the remote is "Handset".
         present_name = panel.remote_name or self._wanted or "Handset"
         text = get_text(name[0]) if name else present_name
         if not 1 <= len(text.encode()) <= _MAX_NAME_BYTES:
@@ -275,7 +276,7 @@ class XboxController(Wireless):
         timeout: Any = 10000,
         connect: Any = True,
     ) -> None:
-        # Only checked: a stick on the panel is either at rest or all the way out.
+        # This is only checked, because a stick on the panel is either at rest or all the way out.
         get_int(joystick_deadzone)
         with_button = [button for button in _XBOX_BUTTONS if button]
         names = (*with_button, *_XBOX_EXTRAS, "up", "right", "down", "left")
@@ -291,7 +292,7 @@ class XboxController(Wireless):
         down = self._down()
         axes: list[int] = []
         for side in ("left", "right"):
-            # The controller counts downwards.
+            # The controller counts downwards, so y is reversed.
             x, y = _stick(down, side, _STICK_MAX)
             axes += [_raw_axis(x), _raw_axis(-y)]
         triggers = [_TRIGGER_MAX * (f"{side}_trigger" in down) for side in ("left", "right")]
@@ -335,7 +336,7 @@ class XboxController(Wireless):
         powers = power if isinstance(power, list | tuple) else (power,) * _RUMBLE_MOTORS
         if len(powers) != _RUMBLE_MOTORS:
             raise ValueError(f"expected 1 number or tuple of {_RUMBLE_MOTORS} values")
-        # Only checked: nobody feels it.
+        # These are only checked, because nobody feels the rumble.
         for number in (duration, delay, count, *powers):
             get_int(number)
         return self._done()
@@ -353,7 +354,7 @@ def _stick(
     limit: int,
 ) -> tuple[int, int]:
     """Position of a stick of the Xbox controller: to the right, and up."""
-    # Opposite directions at the same time cancel out.
+    # Opposite directions cancel out if they are pressed at the same time.
     left = f"joystick_{side}_left" in down
     right = f"joystick_{side}_right" in down
     back = f"joystick_{side}_down" in down
@@ -390,7 +391,7 @@ class Radio(Native):
             channel = get_exact_int(broadcast_channel)
             if not 0 <= channel <= _LAST_CHANNEL:
                 raise ValueError("Broadcast channel must be 0 to 255 or None")
-        # By index: anything that has a length and items will do.
+        # Values are read by index, because anything that has a length and items will do.
         channels = []
         for index in range(len(observe_channels)):
             channels.append(get_exact_int(observe_channels[index]))
@@ -406,7 +407,7 @@ class Radio(Native):
             is_sequence = isinstance(data, list | tuple)
             values = data if is_sequence else [data]
             size = sum(map(_encoded_bytes, values))
-            # A single value is marked by a byte, so that the receiver makes no tuple of it.
+            # A byte marks a single value, so that the receiver makes no tuple of it.
             if not is_sequence:
                 size += 1
             if size > _MAX_PAYLOAD_BYTES:
@@ -431,10 +432,10 @@ class Radio(Native):
 def _encoded_bytes(value: Any) -> int:
     """Size of a value in an advertisement: type byte and value."""
     match value:
-        # Two types of their own, without a value; before int, of which Python's bool is a kind.
+        # True and False are two types without a value. They come before int, because Python's bool
+        # is a kind of int.
         case bool():
             return 1
-        # In one, two or four bytes.
         case int():
             if -(2**7) <= value < 2**7:
                 return 2
@@ -485,7 +486,8 @@ def messaging_module(context: Context) -> ModuleType:
             if console.inbox:
                 raise RuntimeError("host rx_buffer already allocated")
             expect_type(get_array(modes), list)
-            # All modes are parts of one buffer, in the order of their numbers.
+            # A program gets slices of one buffer, in which all modes follow each other in the order
+            # of their numbers.
             self._slices: dict[int, tuple[int, int]] = {}
             start = 0
             for pair in sorted(modes):

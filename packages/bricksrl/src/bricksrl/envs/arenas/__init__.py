@@ -38,7 +38,7 @@ def get_arena_task(env_id: str) -> ArenaTask:
     """Task of a name. Raises UnknownNameError if there is none."""
     check_arena(env_id)
     module_name, _, name = ARENAS[env_id].partition(":")
-    # Only now, as a task's module loads torch.
+    # This import is late, because a task's module loads torch.
     module = importlib.import_module(f"bricksrl.envs.arenas.{module_name}")
     task: ArenaTask = getattr(module, name)
     return task

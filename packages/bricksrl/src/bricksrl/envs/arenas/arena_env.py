@@ -114,7 +114,7 @@ class GroupedEnv(BricksEnv, EnvBase):  # type: ignore[misc]
         for group, names in task.groups.items():
             shape = (*tensordict.batch_size, len(names), 2)
             actions = clamped(tensordict[group, "action"], shape, f"{group} of {task.id}")
-            # A group's robots need not stand side by side in the arena.
+            # The robots of a group need not stand side by side in the arena.
             for index, action in zip(task.places(group), actions.unbind(-2), strict=True):
                 parts[index] = action
         return torch.stack(parts, -2)
@@ -174,8 +174,8 @@ class GroupedEnv(BricksEnv, EnvBase):  # type: ignore[misc]
         value: Any,
         *shape: int,
     ) -> Tensor:
-        """What a function of the task returns: flags ``[*batch, 1]``, or numbers of each robot
-        ``[*batch, robots, n]``."""
+        """The checked result of a function of the task: flags ``[*batch, 1]``, or numbers of each
+        robot ``[*batch, robots, n]``."""
         dtype = torch.bool if len(shape) == 1 else torch.float32
         shape = (*self.batch_size, *shape)
         given = f"{value!r:.40}"
@@ -253,7 +253,7 @@ class ArenaEnv(GroupedEnv):
         for number, body in enumerate(world.bodies):
             seed = derive_seed(self._world_seed, "link", number)
             hub = VirtualHub(body, realtime=self._realtime, seed=seed)
-            # The host writes to all hubs at once, and not to one after another has answered.
+            # The host writes to all hubs at once, and not to each after another has answered.
             hub.waits_for_acknowledgement = False
             self._hubs.append(hub)
             self._links.append(HubLink(hub, body.robot, self.task.interfaces[number]))
@@ -282,7 +282,8 @@ class ArenaEnv(GroupedEnv):
             for link in self._links:
                 link.open()
             now_ms = max(hub.machine.time_ms for hub in self._hubs)
-            for hub in self._hubs:  # placing the robots by hand takes time
+            # Placing the robots by hand takes time, in which their programs go on.
+            for hub in self._hubs:
                 hub.run_on_until(now_ms + PLACEMENT_MS)
             world.place(self._place_rng)
             self._angles = self._wheels([link.read() for link in self._links])
@@ -304,7 +305,8 @@ class ArenaEnv(GroupedEnv):
             for link, values in zip(self._links, commands.tolist(), strict=True):
                 link.send(values)
             readings = [link.receive() for link in self._links]
-        except HubError as error:  # the last observation, truncated for all
+        except HubError as error:
+            # The last observation stands for all robots, and is truncated.
             self.link_error = error
             self.reconnect.failed(error)
             self._close_links()
@@ -321,7 +323,8 @@ class ArenaEnv(GroupedEnv):
             raise
         self.reconnect.recovered()
         angles = self._wheels(readings)
-        # A wheel turns by less than half a turn in a step.
+        # A wheel turns by less than half a turn in a step, which is why wrapped angles tell its
+        # direction.
         turned_deg = (angles - self._angles + 180.0) % 360.0 - 180.0
         self._angles = angles
         self._state = ArenaState(self._poses(), turned_deg / self._high)
@@ -340,7 +343,7 @@ class ArenaEnv(GroupedEnv):
     def _poses(self) -> Tensor:
         poses = []
         for pose in self.world.poses():
-            # clockwise in the world, counter-clockwise in a state
+            # Headings are clockwise in the world, but counter-clockwise in a state.
             heading = -math.radians(pose.heading_deg)
             poses.append((pose.x_m, pose.y_m, heading))
         return torch.tensor(poses, dtype=torch.float32)
@@ -388,7 +391,7 @@ class ArenaSimulation(GroupedEnv):
         places = [contestant.place for contestant in task.arena.robots]
         ranges = [[place.x_m, place.y_m, place.heading_deg] for place in places]
         bounds = torch.tensor(ranges, device=device)  # [robots, 3, ends]
-        # clockwise in a place, counter-clockwise in a state
+        # Headings are clockwise in a place, but counter-clockwise in a state.
         headings_deg = bounds[:, 2]
         bounds[:, 2] = -torch.deg2rad(headings_deg.flip(-1))
         self._low, self._high = bounds.unbind(-1)
@@ -428,7 +431,7 @@ class ArenaSimulation(GroupedEnv):
         found."""
         poses = torch.empty(count, *self._low.shape, device=self.device)
         span = self._high - self._low
-        # A robot's distance from itself is no gap.
+        # A robot's distance from itself is no gap, so a large number hides it.
         itself = 1e6 * torch.eye(poses.shape[1], device=self.device)
         near = torch.ones(count, dtype=torch.bool, device=self.device)
         for _ in range(MAX_DRAWS):
@@ -473,10 +476,11 @@ class ArenaSimulation(GroupedEnv):
         before = self._state
         actions = self._actions(tensordict)
         noise = NOISE * torch.randn(actions.shape, generator=self._rng, device=self.device)
-        # A part of the last command is still carried out, as motors speed up.
+        # Motors need time to speed up, so a part of the last command is still carried out.
         moved = (1.0 - self._lag) * actions + self._lag * self._last_command + noise
         self._last_command = actions
-        # An arc, by its chord, which points to the middle of the two headings.
+        # Driving along the chord of an arc, which points to the middle of the two headings, ends in
+        # the same place.
         left_m, right_m = (moved * self._way_m).unbind(-1)
         x, y, heading = before.poses.unbind(-1)
         turn = (right_m - left_m) / self._track_m

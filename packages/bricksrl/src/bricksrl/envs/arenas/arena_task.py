@@ -187,6 +187,6 @@ def steer_towards(
     forward = speed * angle.cos().clamp_min(0.0)
     turn = (1.5 * angle).clamp(-1.0, 1.0) * 0.6
     action = torch.stack((forward - turn, forward + turn), -1)
-    # Both wheels are slowed down alike where one would exceed its range: the curve stays.
+    # Where one wheel would exceed its range, both are slowed down alike, so that the curve stays.
     largest = action.abs().amax(-1, keepdim=True)
     return action / largest.clamp_min(1.0)

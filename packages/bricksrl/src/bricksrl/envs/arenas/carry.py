@@ -64,13 +64,14 @@ _TRAVEL_DEG = 120.0
 _BEAM = 2
 _ARRIVAL_REWARD = 5.0
 _FARTHEST_M = 5.0
-"""More than a robot drives in an episode: 60 times 120 degrees, with wheels of 56 mm, are 3.5 m."""
+"""Distance that no robot drives in an episode: 60 times 120 degrees, with wheels of 56 mm, are 3.5
+m."""
 _APART_M = (-2.0 * _FARTHEST_M, 2.0 * _FARTHEST_M)
 
 _PLACE_M = (-_FARTHEST_M, _FARTHEST_M)
 
 ENTRIES = (
-    # There are no walls: positions have only nominal ranges.
+    # There are no walls, so positions have only nominal ranges.
     Entry("x", -2.0, 2.0, "m", limits=_PLACE_M),
     Entry("y", -2.0, 2.0, "m", limits=_PLACE_M),
     Entry("heading_cos", -1.0, 1.0),
@@ -116,7 +117,7 @@ def observe(state: ArenaState) -> Tensor:
 
 
 def _view(state: ArenaState, robot: int) -> Tensor:
-    """What a robot observes, ``[*batch, 12]``."""
+    """Observation of a robot, ``[*batch, 12]``."""
     poses = state.poses
     mate = seen_from(poses, robot, 1 - robot)
     parts = (
@@ -155,14 +156,14 @@ def push(observation: Tensor) -> Tensor:
     y = observation[..., 1]
     cos = observation[..., 2]
     sin = observation[..., 3]
-    # of the beam in the world: positive when its left lags
+    # This angle of the beam in the world is positive when its left end lags.
     beam_sin = observation[..., 6] * sin + observation[..., 7] * cos
     home = torch.where(y >= 0, 0.2, -0.2) - y
     lead = -beam_sin * y.sign()
     speed = (1.0 - 6.0 * lead.clamp_min(0.0)).clamp(0.1, 1.0)
     ahead = torch.ones_like(y)
     left = 2.0 * home.clamp(-0.3, 0.3)
-    # From the world's frame to the robot's.
+    # A robot needs the error in its own frame, so it is turned from the world's.
     own_ahead = ahead * cos + left * sin
     own_left = left * cos - ahead * sin
     steered = steer_towards(own_ahead, own_left)

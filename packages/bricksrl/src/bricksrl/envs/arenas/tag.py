@@ -73,7 +73,7 @@ _CATCH_REWARD = 5.0
 _REWARD_PER_M = 10.0
 
 _FARTHEST_M = 2.3
-"""More than the diagonal between the walls."""
+"""Distance that is larger than the diagonal between the walls."""
 
 ENTRIES = (
     Entry("x", -HALF_M, HALF_M, "m"),
@@ -119,7 +119,7 @@ def _view(
     robot: int,
     other: int,
 ) -> Tensor:
-    """What a robot observes, ``[*batch, 10]``."""
+    """Observation of a robot, ``[*batch, 10]``."""
     parts = (
         own_pose(state.poses, robot),
         seen_from(state.poses, robot, other),
@@ -153,14 +153,15 @@ def flee(observation: Tensor) -> Tensor:
     numbers = torch.arange(_DIRECTIONS, device=observation.device)
     angles = numbers * (2.0 * math.pi / _DIRECTIONS)
     directions = torch.stack((angles.cos(), angles.sin()), -1)  # [16, 2]
-    # The other robot is seen in the runner's frame; the walls are in the world's.
+    # The other robot is seen in the runner's frame, but the walls are in the world's.
     x = ahead * cos - left * sin
     y = ahead * sin + left * cos
     offset = torch.stack((x, y), -1)
     runner = _for_each_direction(start)
     catcher = _for_each_direction(start + offset)
     alignment = torch.stack((cos, sin), -1) @ directions.T
-    turn_steps = alignment.clamp(-1.0, 1.0).arccos() / _TURN_RAD  # steps until it faces that way
+    # The runner first needs this many steps to face each way.
+    turn_steps = alignment.clamp(-1.0, 1.0).arccos() / _TURN_RAD
     free = torch.ones_like(turn_steps)
     score = torch.zeros_like(turn_steps)
     for step in range(1, _LOOK_STEPS + 1):
@@ -168,11 +169,11 @@ def flee(observation: Tensor) -> Tensor:
         runner = (runner + driven.unsqueeze(-1) * directions).clamp(-_REACH_M, _REACH_M)
         gap = runner - catcher
         gap_m = gap.norm(dim=-1)
-        # The catcher drives its step straight at the runner, and not past it.
+        # The catcher drives straight at the runner for its step, and not past it.
         share = _STEP_M[CATCHER] / gap_m.clamp_min(_STEP_M[CATCHER])
         catcher = catcher + gap * share.unsqueeze(-1)
         free = free * (gap_m > CAUGHT_M + _STEP_M[CATCHER])
-        # Later first, and among equal ones the one that stays farther away.
+        # A later catch is better, and among equal ones the way that stays farther away.
         score = score + free * (1.0 + gap_m)
     direction = directions[score.argmax(-1)]
     x = direction[..., 0]

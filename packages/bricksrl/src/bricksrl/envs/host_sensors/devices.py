@@ -36,7 +36,8 @@ class _SerialNumbers:
         import serial
 
         self._port = serial.serial_for_url(port, baud, timeout=_SILENCE_S)
-        self._port.readline()  # it may begin in the middle
+        # The first line may begin in the middle, so it is dropped.
+        self._port.readline()
 
     def read(self) -> tuple[float, ...]:
         """The newest line of numbers: older ones that wait are skipped."""
@@ -69,7 +70,7 @@ def second_camera(view: CameraView) -> HostSensor:
         return _Images(VideoCamera(view), view.image_px)
 
     def in_twin(world: World) -> Any:
-        # One camera for all readings of a robot.
+        # Rendering is slow, so one camera serves all readings of a robot.
         camera = _Images(TwinCamera(world.body, view), view.image_px)
         device = world.kept.setdefault(view.name, camera)
         return device.read()

@@ -26,7 +26,7 @@ from bricktwin.twin.scene import Scene
 if TYPE_CHECKING:
     import numpy as np
 
-    from bricktwin.twin.mujoco_body import Pose
+    from bricktwin.twin.standing import Pose
 
 
 _LARGEST = 3.4e38
@@ -133,11 +133,12 @@ class HostSensor:
                 )
             return reading
         values: tuple[float, ...] = ()
-        # The letters of a text such as "123" would pass as numbers.
+        # A text is refused first, because the letters of "123" would pass as numbers.
         if not isinstance(reading, str | bytes):
             with contextlib.suppress(TypeError, ValueError):
                 values = tuple(map(float, reading))
-        are_numbers = all(abs(value) <= _LARGEST for value in values)  # NaN is in no order
+        # NaN fails every comparison, so this refuses it too.
+        are_numbers = all(abs(value) <= _LARGEST for value in values)
         if len(values) != len(self.entries) or not are_numbers:
             expected = ", ".join(entry.name for entry in self.entries)
             given = list(values) or reprlib.repr(reading)
@@ -171,7 +172,8 @@ class TwinReader:
             try:
                 self._newest = self.sensor.checked(self._twin(self._world))
                 self._read_s = now_s
-            except SensorError as error:  # no lost link, which would be tried again
+            except SensorError as error:
+                # This must be no lost link, because a link would be tried again.
                 raise DescriptionError(f"the twin of a {error}") from None
         return self._newest, now_s - self._read_s
 
@@ -236,7 +238,8 @@ class ThreadReader:
         before: threading.Thread | None,
     ) -> None:
         if before is not None:
-            before.join()  # it holds the device
+            # The thread before still holds the device.
+            before.join()
         try:
             device = self.sensor.open()
             try:
@@ -264,7 +267,7 @@ Reader = TwinReader | ThreadReader
 
 
 def reader_of(sensor: HostSensor, world: World | None) -> Reader:
-    """What reads a sensor, beside a virtual robot if there is a world."""
+    """The reader of a sensor, beside a virtual robot if there is a world."""
     if sensor.twin is None or world is None:
         return ThreadReader(sensor)
     return TwinReader(sensor, sensor.twin, world)

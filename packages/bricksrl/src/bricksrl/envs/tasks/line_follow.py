@@ -109,7 +109,7 @@ def reward(
     turn = action[..., 1:2]
     off_pct = _off_pct(observation)
     near = (1.0 - off_pct / BARE_PCT).clamp(min=0.0)
-    # Brighter than the edge is left of it, where a turn to the right finds it again.
+    # Brighter than the edge means left of it, where a turn to the right finds it again.
     towards = (observation[..., :1] - EDGE_PCT).sign() * turn
     is_lost = off_pct >= BARE_PCT
     return near * (0.75 + 0.25 * speed) + (0.25 * towards - 0.5) * is_lost

@@ -59,26 +59,27 @@ from bricktwin.robots import TWO_WHEELER
 from bricktwin.twin.objects import Field, Line
 from bricktwin.twin.scene import Scene
 
-# Tolerances by dead reckoning, at which an episode ends.
+# An episode ends by dead reckoning, so these tolerances allow for its errors.
 PARKED_MM = 15.0
 PARKED_DEG = 4.0
-# Tolerances by the true pose if it is known: wheels slip by about 5 mm on the way.
+# These tolerances hold for the true pose if it is known, because wheels slip by about 5 mm on the
+# way.
 WITHIN_MM = 20.0
 WITHIN_DEG = 5.0
-# Largest motion in the last step of a robot at rest.
+# A robot at rest moves no more than this in its last step.
 REST_MM = 3.0
 REST_DEG = 2.0
-# What costs 1: a distance, and a turn.
+# Each of these costs 1: a distance, and a turn.
 _UNIT_MM = 100.0
 _UNIT_DEG = 60.0
 _NEAR_MM = 25.0
 """Distance at which a detour counts half; nearer, it hardly counts."""
 _GAIN = 5.0
 _TIME_COST = 0.6
-"""Of each step."""
+"""Cost of each step."""
 _BAY = (220.0, 200.0)
 """Length and width in mm."""
-# Places in the observation, from its end: the target's entries are the last.
+# The entries of the target are the last ones of an observation, so they are counted from its end.
 _AHEAD = slice(-5, -4)
 _LEFT = slice(-4, -3)
 _TURN = slice(-3, -2)
@@ -87,7 +88,7 @@ _TURNED = slice(-1, None)
 
 
 def _distance_mm(observation: Tensor) -> Tensor:
-    position_mm = observation[..., -5:-3]  # ahead and to the left
+    position_mm = observation[..., -5:-3]
     distance_mm: Tensor = position_mm.norm(dim=-1, keepdim=True)
     return distance_mm
 
@@ -102,7 +103,7 @@ def _detour_deg(observation: Tensor) -> Tensor:
     ahead_mm = observation[..., _AHEAD]
     left_mm = observation[..., _LEFT]
     turn_deg = observation[..., _TURN]
-    # Headings are clockwise.
+    # The sign is negative because headings are clockwise, but positions to the left are positive.
     bearing_deg = -left_mm.atan2(ahead_mm).rad2deg()
     forwards_deg = _turns_deg(bearing_deg, turn_deg)
     backwards_deg = _turns_deg(bearing_deg + 180.0, turn_deg)
@@ -167,7 +168,7 @@ def metrics(observations: Tensor) -> dict[str, Tensor]:
 
 _HALF_LENGTH_MM = _BAY[0] / 2
 _HALF_WIDTH_MM = _BAY[1] / 2
-# Open at its back, through which the robot drives in.
+# The bay has no line at its back, because the robot drives in there.
 _BAY_LINE = (
     (-_HALF_LENGTH_MM, _HALF_WIDTH_MM),
     (_HALF_LENGTH_MM, _HALF_WIDTH_MM),

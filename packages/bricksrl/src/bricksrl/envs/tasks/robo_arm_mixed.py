@@ -130,8 +130,8 @@ def robo_arm_mixed(
 
         goal = replace(GOAL, red=read_red(Path(calibration)))
 
-    # The last two entries, which only the task's functions get, are the mean distance of the red
-    # objects and that of the nearest.
+    # The last two entries are only for the task's functions: the mean distance of the red objects,
+    # and that of the nearest one.
     def terminated(observation: Tensor) -> Tensor:
         nearest_px = observation[..., -1:]
         return nearest_px <= REACHED_PX

@@ -67,7 +67,7 @@ FAR_MM = 2000.0
 AWAY_MM = 1000.0
 """Least final distance of a successful episode."""
 
-# Places of the channels below in an observation; a slice keeps the last dimension.
+# These are the places of the channels below in an observation. A slice keeps the last dimension.
 _PITCH = 2
 _DISTANCE = slice(4, 5)
 

@@ -49,7 +49,6 @@ from bricktwin.robots import TWO_WHEELER
 SUCCESS_DEG_S = 100.0
 """Least mean yaw rate of a successful episode."""
 
-# Places in the observation.
 _YAW_RATE = slice(4, 5)
 _DIRECTION = slice(5, 6)
 
@@ -81,7 +80,7 @@ def _mean_yaw_rate_deg_s(observations: Tensor) -> Tensor:
 
 def _rate_in_direction(observation: Tensor) -> Tensor:
     yaw_rate = observation[..., _YAW_RATE]
-    sign = 1 - 2 * observation[..., _DIRECTION]  # of the drawn 0 or 1
+    sign = 1 - 2 * observation[..., _DIRECTION]
     return yaw_rate * sign
 
 

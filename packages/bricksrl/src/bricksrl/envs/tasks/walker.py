@@ -71,7 +71,7 @@ BLOCKED_AT_MM = 40.0
 """The ultrasonic sensor reports nothing nearer."""
 
 _LEGS = ("left_front", "right_front", "left_back", "right_back")
-# Places in the observation, behind the four legs.
+# These places in the observation come after the four legs.
 _TILT = slice(4, 6)
 _DISTANCE = slice(6, 7)
 
@@ -79,7 +79,7 @@ _DISTANCE = slice(6, 7)
 def shortest_angle_deg(first: Tensor, second: Tensor) -> Tensor:
     """Angle between two directions, in 0..180 degrees."""
     turn = second - first
-    # Without its whole turns, so that 359 and 1 are 2 degrees apart.
+    # Whole turns are removed, so that 359 and 1 are 2 degrees apart.
     whole_turns = (turn / 360.0).round_()
     return turn.sub(whole_turns, alpha=360.0).abs_()
 
@@ -87,7 +87,7 @@ def shortest_angle_deg(first: Tensor, second: Tensor) -> Tensor:
 def gait_reward(observation: Tensor) -> Tensor:
     """Negative deviation of the legs from a trot, 0 at best; ``[*batch, 1]``."""
     left_front, right_front, left_back, right_back = observation[..., :4].split(1, -1)
-    # In a trot the legs of an axle are half a turn apart, diagonal ones together.
+    # In a trot, the legs of an axle are half a turn apart and diagonal ones move together.
     apart = shortest_angle_deg(left_front, right_front) + shortest_angle_deg(left_back, right_back)
     together = shortest_angle_deg(left_front, right_back) + shortest_angle_deg(
         right_front, left_back
@@ -115,10 +115,12 @@ def mean_turn_deg(observations: Tensor) -> Tensor:
     ``[*batch]``."""
     before = observations[..., :-1, :4]
     after = observations[..., 1:, :4]
-    turn = before - after  # angles fall as the Walker walks forwards
+    # The difference is reversed, because angles fall as the Walker walks forwards.
+    turn = before - after
     whole_turns = (turn / 360.0).round_()
     mean = turn.sub(whole_turns, alpha=360.0).mean((-2, -1))
-    return mean.nan_to_num(0.0)  # an episode of one step
+    # An episode of one step has no turns, whose mean is NaN.
+    return mean.nan_to_num(0.0)
 
 
 def metrics(observations: Tensor) -> dict[str, Tensor]:
@@ -178,7 +180,8 @@ def walker(
 
     def success(observations: Tensor) -> Tensor:
         mean_reward = gait_reward(observations)[..., 0].mean(-1)
-        # The reward sums the deviations of four pairs of legs, in half turns.
+        # The reward sums the deviations of four pairs of legs in half turns, so the limit is
+        # converted to that.
         trots = mean_reward >= -4.0 * TROT_WITHIN_DEG / 180.0
         turns = mean_turn_deg(observations) >= TURNS_DEG_S * step_ms / 1000.0
         falls = has_fallen(observations)[..., 0].any(-1)
@@ -199,5 +202,6 @@ def walker(
         terminated=has_fallen,
         blocked=blocked,
         walks=True,
-        symmetric=env_id != "Walker-v0",  # agents learn there as in the paper
+        # In v0 agents learn as in the paper, without the mirror.
+        symmetric=env_id != "Walker-v0",
     )

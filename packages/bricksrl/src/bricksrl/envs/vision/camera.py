@@ -189,7 +189,7 @@ class VideoCamera:
         if self._capture is None:
             with installed("OpenCV", CameraError, '"bricksrl[vision]"'):
                 import cv2
-            # of a missing camera our own message tells
+            # Our own message tells of a missing camera, so OpenCV is silenced.
             level = cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
             self._capture = cv2.VideoCapture(view.device)
             cv2.utils.logging.setLogLevel(level)
@@ -197,7 +197,8 @@ class VideoCamera:
             self._capture.set(cv2.CAP_PROP_FRAME_HEIGHT, view.height_px)
             # A frame that waits in a buffer shows the past.
             self._capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)
-        self._capture.grab()  # discard the driver's buffered frame, taken before the robot moved
+        # The driver's buffered frame was taken before the robot moved, so it is dropped.
+        self._capture.grab()
         is_read, frame = self._capture.read()
         if not is_read:
             self.close()
@@ -213,7 +214,8 @@ class VideoCamera:
                 f"camera {view.device} gives {width} x {height} px, not {expected}; take one "
                 "that can"
             )
-        return np.ascontiguousarray(frame[..., ::-1])  # BGR to RGB
+        # OpenCV has BGR, but images here are RGB.
+        return np.ascontiguousarray(frame[..., ::-1])
 
     def close(self) -> None:
         """Release the camera."""
@@ -259,7 +261,7 @@ class Watch:
         self.image = shrink(frame, self._view.image_px, self._disc)
         if self._view.goal is None or self.goal is None:
             return
-        # In the frame, not in the image, in which a small ball is a few pixels.
+        # Red is looked for in the frame, because a small ball is only a few pixels of the image.
         centres = find_red(frame, self._view.goal.red)
         found_px = distances_px(centres, self.goal)
         self.nearest_px = self._view.farthest_px

@@ -1,6 +1,6 @@
 // Live page: shows the server's state, and sends presses to the server. All state is the server's, so that tabs agree.
 
-import { Scene3D } from "./scene3d.js";
+import { Scene3D } from "./scene3d.js"; // of bricktwin.view
 import { Chart, short } from "./charts.js";
 import { $, cleanAddress, connect, fill, press, pressStop } from "./connection.js";
 import { hear, showVisitors, you } from "./visitors.js";
@@ -17,7 +17,7 @@ function onMessage(message) {
     hear(message.you);
     if (status.title) show();
   }
-  if (message.scene) loadScene(message.scene);
+  if (message.drawing) loadDrawing(message.drawing);
   if (message.status) {
     status = message.status;
     show();
@@ -38,11 +38,11 @@ function onBinary(buffer) {
 
 let latestPoses = null;
 
-async function loadScene(version) {
+async function loadDrawing(version) {
   if (!scene) return;
-  const response = await fetch(`scene.bin?${version}`);
+  const response = await fetch(`drawing.json?${version}`);
   if (!response.ok) return;
-  scene.load(await response.arrayBuffer());
+  scene.load(await response.json());
   if (latestPoses) scene.setPoses(latestPoses);
 }
 
@@ -435,9 +435,7 @@ $("stop").onclick = pressStop;
 $("take-over").onclick = () => (otherDriver() ? press("ask") : press("take_over", !status.drive.in_charge));
 $("policy").onchange = () => press("policy", $("policy").value);
 $("follow").onchange = () => {
-  if (!scene) return;
-  scene.follows = $("follow").checked;
-  scene.requestDraw();
+  if (scene) scene.follows = $("follow").checked;
 };
 $("home").onclick = () => scene?.home();
 addEventListener("keydown", (event) => {

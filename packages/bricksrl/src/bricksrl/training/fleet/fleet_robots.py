@@ -66,7 +66,7 @@ class Member:
 
     @property
     def is_out(self) -> bool:
-        """Whether it does not answer."""
+        """Whether the robot does not answer."""
         return self.state in (RobotState.LEFT, RobotState.GIVEN_UP)
 
 
@@ -77,7 +77,7 @@ def members_of(config: TrainConfig) -> list[Member]:
     """The robots of a config."""
     members = []
     for number, hub in enumerate(config.hubs):
-        # Real ones have an address each, virtual ones are alike.
+        # Real robots have an address each, but virtual ones are alike.
         name = f"virtual-{number + 1}" if hub == "virtual" else hub
         members.append(Member(name, number, hub))
     return members
@@ -92,7 +92,7 @@ def make_fleet(config: TrainConfig, place: Placement | None = None) -> EnvBase:
         raise RunError(
             f"{config.env} is a simulation without a robot; train copies of it with num_envs"
         )
-    # What is wrong with an address or a transform is said here, and not by each process.
+    # A wrong address or transform is reported here, and not by each process.
     for hub in config.hubs:
         parse_hub(hub)
     env = stand_in(config)
@@ -125,7 +125,7 @@ class Fleet(SpecsEnv):
         env: EnvBase,
         place: Placement | None = None,
     ) -> None:
-        # Its own specs: the transforms of the run are put around the fleet again.
+        # The specs are the robot's own, because the run puts its transforms around the fleet again.
         robot = base_of(env)
         specs = {name: getattr(robot, name).clone() for name in SPECS}
         super().__init__(specs, interface_of(env).task)
@@ -134,17 +134,16 @@ class Fleet(SpecsEnv):
         self.kept = dict[str, Any]()
         self.robots = len(self.members)
         self.events: SimpleQueue[Event] = SimpleQueue()
-        # Robots in simulated time lose nothing by waiting for the learner, and would run ahead.
+        # Robots in simulated time lose nothing by waiting for the learner, and would otherwise run
+        # ahead.
         self.is_paced = config.hub == "virtual" and not config.realtime
         self._place = place
-        # One person places the robots, one after the other.
+        # One person places all robots, one after the other.
         self._placing = threading.Lock()
-        # The newest ones, for processes that start later.
+        # A process that starts later needs the newest weights at once.
         self._weights: dict[str, Tensor] | None = None
         self._is_paused = False
         self._is_over = False
-
-    # ---- control of all robots
 
     def stop(self) -> None:
         """Stop all robots at once, permanently."""
@@ -183,8 +182,6 @@ class Fleet(SpecsEnv):
         for member in self.members:
             self.tell(member, kind, content)
 
-    # ---- processes
-
     def start(self) -> None:
         """Start all missing processes."""
         for member in self.members:
@@ -198,7 +195,7 @@ class Fleet(SpecsEnv):
         start = member.starts
 
         def deliver(message: Message | None) -> None:
-            # With the number of the start, so that the end of a former process is told from that
+            # The number of the start is sent along, to tell the end of a former process from that
             # of its successor.
             kind, content = ("gone", start) if message is None else message
             self.events.put((member, kind, content))
@@ -209,7 +206,7 @@ class Fleet(SpecsEnv):
             raise LearnerError(
                 f"cannot start the process of {member.name} ({error.strerror}); use fewer robots"
             ) from None
-        # What the learner begins with is not the robot's matter: it gets weights.
+        # The learner's start does not concern the robot, which gets weights.
         robot_config = replace(
             self.config,
             hub=member.hub,
@@ -221,7 +218,7 @@ class Fleet(SpecsEnv):
         )
         begin = {
             "config": robot_config.to_dict(),
-            # After a death other draws: the same ones may lead to it again.
+            # After a death the seed changes, because the same draws may lead to it again.
             "seed": derive_seed(self.config.seed, f"robot {member.name}", member.deaths),
             "transforms": self.kept,
             "is_recorded": self.config.record,
@@ -254,13 +251,13 @@ class Fleet(SpecsEnv):
         except Empty:
             return None
         if kind == "gone":
-            # The end of a former process, which has a successor.
+            # This is the end of a former process, which already has a successor.
             if content != member.starts:
                 return None
             return self._bury(member, now_s)
         if kind == "place":
-            # In a thread, as the other robots go on while a person is at work, and a daemon, as
-            # nobody may ever answer.
+            # A thread is used because the other robots go on while a person is at work. It is a
+            # daemon, because nobody may ever answer.
             placer = threading.Thread(
                 target=self._place_robot,
                 args=(member,),
@@ -279,7 +276,7 @@ class Fleet(SpecsEnv):
         code = self._reap(member)
         member.is_ready = False
         member.deaths += 1
-        # One that dies again and again is not helped by a restart.
+        # A restart does not help a process that dies again and again.
         if member.deaths >= _MAX_DEATHS:
             times = f"{member.deaths} times in a row without a complete episode"
             reason = f"its process ended {times}, the last time with code {code}"
@@ -316,7 +313,7 @@ class Fleet(SpecsEnv):
         """Send a message to a robot's process, if it is there."""
         if member.process is None:
             return
-        # A closed pipe needs no care here: its reader reports the end.
+        # A closed pipe needs no care here, because its reader reports the end.
         with contextlib.suppress(OSError, ValueError):
             member.process.send(kind, content)
 
@@ -330,7 +327,7 @@ class Fleet(SpecsEnv):
     def close(self, *, raise_if_closed: bool = True) -> None:
         """End all processes; each stops its robot first."""
         self._is_over = True
-        # All at once, so that no robot moves on while another one's process ends.
+        # All are asked at once, so that no robot moves on while another one's process ends.
         self._send_all("end")
         for member in self.members:
             self._reap(member)

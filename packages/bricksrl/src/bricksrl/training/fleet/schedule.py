@@ -33,10 +33,10 @@ class FleetRobots(Source):
         with self.signals.at_once():
             while not self._is_any_acting():
                 event = self.env.next_event(_POLL_S)
-                # Nothing that a run has to know of happens before the first step.
+                # A run needs to know of nothing that happens before the first step.
                 self._handle(event)
                 self._check_reach()
-                # Another thread may stop the run, and raises nothing here.
+                # Another thread may stop the run, and raises nothing in this one.
                 if self.signals.requested:
                     raise KeyboardInterrupt
 
@@ -44,29 +44,30 @@ class FleetRobots(Source):
         return any(member.state is RobotState.ACTING for member in self.env.members)
 
     def _start(self) -> None:
-        # A new run starts its robots before its folder is created, a resumed one with its events.
+        # A new run starts its robots before its folder is created, and a resumed one with its
+        # events.
         if self._is_started:
             return
         self._is_started = True
         # Episodes that ran when the fleet was stopped do not go on.
         self.learner.end_episodes()
         robots = base_of(self.env)
-        # Before the processes, which get them with their first message.
+        # This comes before the processes start, which get it with their first message.
         robots.kept = transform_state(self.env)
         robots.start()
         self._send_weights()
 
     def events(self) -> Iterator[Moved | Ended | None]:
-        """What the robots report, in the order of its arrival. Raises HubError if all robots were
+        """Reports of the robots, in the order of their arrival. Raises HubError if all robots were
         out of reach for too long, RunError if a robot failed for good, or all were given up."""
         self._start()
         while True:
             report = self.env.next_event(_POLL_S)
             event = self._handle(report)
-            # Here the run learns, and counts an episode that has ended.
+            # The run learns while this generator waits, and counts an episode that has ended.
             yield event
             if isinstance(event, Moved):
-                # First the weights, so that a robot that waits makes its next step with them.
+                # Weights go first, so that a robot that waits makes its next step with them.
                 self._send_weights()
                 if self.env.is_paced:
                     member = self.env.members[event.playing.robot]
@@ -81,7 +82,7 @@ class FleetRobots(Source):
         playing: Any,
         start: Any,
     ) -> Iterator[Moved | Ended]:
-        # The robots' processes play.
+        # The processes of the robots play, and not this one.
         raise NotImplementedError
 
     def _send_weights(self) -> None:
@@ -93,9 +94,9 @@ class FleetRobots(Source):
         """Raise `RunError` if all robots were given up, `HubError` if all have been out of reach
         for too long."""
         members = self.env.members
-        # The last one to leave: since then there has been none.
+        # Since the last robot has left, there has been none.
         last = max(members, key=lambda member: member.since_s)
-        # Waiting would not help, as they are not retried.
+        # Waiting does not help, because robots that were given up are not retried.
         if all(member.state is RobotState.GIVEN_UP for member in members):
             reason = (
                 f"no robot of the fleet is left; the last one, {last.name}, was given up: "
@@ -122,14 +123,14 @@ class FleetRobots(Source):
             case "place":
                 self._set_state(member, RobotState.PLACED)
             case "unplaced":
-                # What ends a thread, such as Ctrl-C at a prompt, is nothing to raise in this one.
+                # Ctrl-C at a prompt and the like end a thread, but must not be raised in this one.
                 if isinstance(content, Exception):
                     raise content
                 raise RunError("the robots cannot be placed; start again")
             case "begun":
                 self._set_state(member, RobotState.ACTING)
                 playing = self.playing[member.number]
-                # A process knows its hub, and not its name in the fleet.
+                # A process knows its hub, but not its name in the fleet.
                 playing.about = replace(content, robot=member.name)
                 playing.started_s = time.perf_counter()
             case "frame":
@@ -137,7 +138,7 @@ class FleetRobots(Source):
             case "out":
                 self._set_state(member, RobotState.LEFT, content)
                 lost = self.playing.get(member.number)
-                # It may break before the robot has an episode.
+                # The link may break before the robot has an episode.
                 number = 0 if lost is None else lost.number
                 length = 0 if lost is None else lost.length
                 error = HubError(f"{member.name}: {content}")
@@ -161,7 +162,7 @@ class FleetRobots(Source):
                     is_lost=True,
                     is_cut=False,
                 )
-                # Others may wait for it, as all begin together.
+                # Other robots may be waiting for this one, because all begin together.
                 self._assign_idle()
                 return ended
         return None
@@ -195,7 +196,8 @@ class FleetRobots(Source):
 
     def _assign(self, member: Member) -> None:
         """Assign the next episode, unless all remaining ones are being played."""
-        # The episode of a robot that is out may never be completed: another one may take its place.
+        # The episode of a robot that is out may never be completed, so another robot may take its
+        # place.
         working = sum(
             1 for other in self.env.members if other.number in self.playing and not other.is_out
         )
@@ -203,7 +205,7 @@ class FleetRobots(Source):
         if playing is None:
             self._set_state(member, RobotState.DONE)
             return
-        # It was done, and takes over for another one.
+        # This robot was done, and takes over for another one.
         if member.state is RobotState.DONE:
             self._set_state(member, RobotState.STARTING)
         playing.robot = member.number
@@ -234,7 +236,8 @@ class FleetRobots(Source):
         frames = [TensorDict(flat).unflatten_keys(".") for flat in columns]
         is_lost = bool(frames[0]["next"].get("link_lost", False))
         playing.length += len(rewards)
-        # One by one, in the order of the steps: sums of floats depend on it.
+        # Rewards are added one by one in the order of the steps, because sums of floats depend on
+        # it.
         for reward in rewards:
             playing.return_ += reward
         playing.steps += steps
@@ -255,7 +258,7 @@ class FleetRobots(Source):
     ) -> Ended | None:
         """End a robot's episode, and assign the next one: a robot need not wait for the disk."""
         playing = self.playing.pop(member.number, None)
-        # The run counts it only after this: the next episode must not be one too many.
+        # The run counts the episode only after this, and the next one must not be one too many.
         self._unsaved = int(playing is not None and playing.length > 0)
         has_process = member.process is not None
         if has_process:
@@ -266,7 +269,7 @@ class FleetRobots(Source):
             return None
         if not playing.length:
             return Ended(playing, None)
-        # Without a process the episode was cut short by its death, which counts.
+        # If its process has died, the episode was cut short, which counts.
         if has_process:
             member.deaths = 0
         episode = Episode(

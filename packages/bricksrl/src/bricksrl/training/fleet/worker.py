@@ -46,18 +46,20 @@ class Worker:
     def __init__(self) -> None:
         self._inbox: SimpleQueue[Message] = SimpleQueue()
         self._ended = threading.Event()
-        # Only the newest: a robot that was slow does not act with older ones in turn.
+        # Only the newest weights are kept, so that a slow robot does not act with older ones in
+        # turn.
         self._weights: deque[dict[str, Any]] = deque(maxlen=1)
-        # Until the robot is made; a stop that comes earlier is sent again by the fleet.
+        # Until the robot is made this stands for it. The fleet repeats a stop that comes earlier.
         self._env = BricksEnv()
-        # Monotonic time until which the link is held cut, to try out what follows.
+        # Until this monotonic time the link is held cut, to try out what follows.
         self._cut_until_s = 0.0
 
     def receive(self, message: Message | None) -> None:
         """Handle a message, in the receiving thread; ``None`` means that the fleet is gone."""
         content: Any
         kind, content = message or END
-        # What must not wait for the end of an episode is handled here, the rest in order by `run`.
+        # What must not wait for the end of an episode is handled here, and the rest in order by
+        # `run`.
         match kind:
             case "weights":
                 self._weights.append(content)
@@ -70,7 +72,8 @@ class Worker:
             case "resume":
                 self._env.resume()
             case "end":
-                # Twice: `run` may wait for a message, or for a robot that is out of reach.
+                # The end is told twice, because `run` may wait for a message or for a robot that is
+                # out of reach.
                 self._ended.set()
                 self._inbox.put((kind, content))
             case _:
@@ -89,17 +92,18 @@ class Worker:
             finally:
                 env.close(raise_if_closed=False)
         except (_FleetEnded, BrokenPipeError, StoppedError):
-            # The end of the run, of its process, or of the robot by its user: nothing has failed.
+            # The run, its process, or the robot was ended by its user, so nothing has failed.
             pass
         except Exception as error:  # noqa: BLE001  raised in the run's process
-            # - whose traceback would not show where the user's code failed, so its line goes along
+            # The traceback of another process would not show where the user's code failed, so its
+            # line goes along.
             reason = message_of(error, 500) + line_of_user(error)
-            # The fleet may be gone meanwhile.
+            # The fleet may be gone in the meantime.
             with contextlib.suppress(BrokenPipeError):
                 self.send("failed", (type(error).__name__, reason))
 
     def _prepare(self, begin: dict[str, Any]) -> tuple[EnvBase, Learner]:
-        # Each robot has a process: together they would want more cores than there are.
+        # Each robot has a process, and together they would want more cores than there are.
         torch.set_num_threads(1)
         config = TrainConfig.from_dict(begin["config"])
         torch.manual_seed(begin["seed"])
@@ -110,14 +114,15 @@ class Worker:
             seed=config.seed,
             place=place,
         )
-        # Transforms that measure when they are made do so on a stand-in: no real robot is moved
-        # for it.
+        # Some transforms measure when they are made. They do so on a stand-in, so that no real
+        # robot is moved for it.
         env = over(stand_in(config), robot) if config.is_transformed else robot
         load_transform_state(env, begin["transforms"])
         actor = make_learner_for(config, env, device="cpu")
-        # The receiving thread puts new ones there, and the next action takes them.
+        # The deque is shared: the receiving thread puts new weights there, and the next action
+        # takes them.
         actor.weights = self._weights
-        # The fleet decides when to give up, as it knows of the other robots.
+        # The fleet decides when to give up, because it knows the other robots.
         robot.reconnect.patience_s = float("inf")
         robot.reconnect.wait = self._wait
         robot.reconnect.on_error = lambda error: self.send("out", str(error))
@@ -155,14 +160,15 @@ class Worker:
             steps: list[Step] = []
             if begin["is_recorded"]:
                 steps = [step_of(own_frame, env) for own_frame in own_frames]
-            # The last step of the robot itself is for `on_transition`; sent once where it is the
-            # frame.
+            # `on_transition` wants the last step of the robot itself, which is sent only once if it
+            # is the frame.
             frames = [frame]
             if own_frames and own_frames[-1] is not frame:
                 frames.append(own_frames[-1])
             columns = [_columns(part) for part in frames]
             self.send("frame", (columns, steps, rollout.rewards[rewards_before:]))
-            # A robot in simulated time waits for the learner.
+            # In simulated time a robot waits for the learner, because it would otherwise run ahead
+            # of it.
             if begin["is_paced"]:
                 self._next_message("go")
             if self._ended.is_set():
@@ -190,7 +196,8 @@ class Worker:
 
 def _columns(frame: Any) -> dict[str, Any]:
     """The tensors of a frame by their whole names."""
-    # What the reset says of a link is of no step; that of the outcome, below "next", stays.
+    # The link's state after a reset belongs to no step, but that of the outcome, below "next",
+    # stays.
     return dict(frame.exclude("link_lost").flatten_keys(".").items())
 
 

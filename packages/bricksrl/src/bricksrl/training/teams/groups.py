@@ -29,7 +29,7 @@ TeamAgent = Literal["mappo", "ippo", "sac"]
 _PPO_BATCH = 4096
 """Transitions of an update of MAPPO and IPPO, unless the settings say other."""
 _SAC_BATCH = 256
-"""The same of independent SAC."""
+"""Batch size of independent SAC."""
 _LEAST_SCALE = 0.05
 """Least scale of MAPPO's and IPPO's actions, so that no group stops exploring."""
 
@@ -100,7 +100,7 @@ class PPOGroup:
         self._group = group
         self._settings = settings
         n = len(scale)
-        # One network for all robots of the group: each learns from what the others meet.
+        # All robots of a group share one network, so that each learns from what the others meet.
         options: dict[str, Any] = {
             "n_agents": robots,
             "share_params": True,
@@ -108,7 +108,7 @@ class PPOGroup:
             "num_cells": settings.hidden,
         }
 
-        # The policy sees what the robot itself observes, also where the critic sees all.
+        # The policy sees what the robot itself observes, even where the critic sees everything.
         action_net = MultiAgentMLP(
             n,
             2 * size,
@@ -146,7 +146,7 @@ class PPOGroup:
                 entropy_coeff=settings.entropy_coeff,
                 normalize_advantage=True,
             )
-        # By themselves loss and advantage look for these at the root, where a team has groups.
+        # Loss and advantage look for these names at the root, but a team has them in its groups.
         names = ("reward", "done", "terminated", "advantage", "value_target")
         keys = {name: (group, name) for name in names}
         self.loss.set_keys(
@@ -166,14 +166,14 @@ class PPOGroup:
     def learn(self, frames: TensorDictBase) -> dict[str, Tensor]:
         group = self._group
         after = frames["next"]
-        # Robots share the episode's end, which the loss wants for each of them.
+        # Robots share the end of the episode, and the loss wants it for each of them.
         shape = after[group, "reward"].shape  # [copies, time, robots, 1]
         for name in ("done", "terminated"):
             ends = after[name].unsqueeze(-2).expand(shape)
             after[group, name] = ends.clone()
             frames[group, name] = torch.zeros_like(ends)
 
-        # Before the rows are shuffled, as an advantage is a sum over time.
+        # This comes before the rows are shuffled, because an advantage is a sum over time.
         with torch.no_grad():
             frames = self._advantage(frames)
         rows = frames.reshape(-1)
@@ -241,7 +241,7 @@ class SACGroup:
         self._group = group
         self._robots = robots
         self._settings = settings
-        # Fraction of an update that is left from the last steps.
+        # This fraction of an update is left from the last steps.
         self._updates_due = 0.0
         policy = _RobotPolicy(self._learner.policy)
         self.policy = TensorDictModule(policy, [(group, "observation")], [(group, "action")])
@@ -263,11 +263,12 @@ class SACGroup:
             if (group, name) in part.keys(True):
                 value = part[group, name]  # [copies, time, robots, n]
             else:
-                # The whole arena's, such as the end of the episode: the same for each robot.
+                # Entries of the whole arena, such as the end of the episode, are repeated for each
+                # robot.
                 value = part[name].unsqueeze(-2)
             n = value.shape[-1]
             of_all = value.expand(copies, time, self._robots, n)
-            # Each robot's steps stay in the order of time, as the memory reads them.
+            # The steps of each robot stay in the order of time, as the memory reads them.
             in_time: Tensor = of_all.transpose(1, 2).reshape(-1, time, n)
             return in_time
 
@@ -302,11 +303,12 @@ def alternating(scripts: Sequence[Callable[[Tensor], Tensor]]) -> Callable[[Tens
     """Script ``k`` modulo their number for copy ``k``; the first one for a single environment."""
 
     def act(observation: Tensor) -> Tensor:
-        # A single environment: [robots, n].
+        # A single environment gives [robots, n], without the dimension of copies.
         if observation.ndim < 3:
             return scripts[0](observation)
         copies = torch.arange(len(observation), device=observation.device)
-        # All scripts act in all copies, as batched functions: [scripts, copies, robots, m].
+        # All scripts act in all copies, because they are batched functions: [scripts, copies,
+        # robots, m].
         actions = torch.stack([script(observation) for script in scripts])
         return actions[copies % len(scripts), copies]
 
@@ -329,7 +331,6 @@ def make_group(
     low = torch.tensor([entry.low for entry in env.task.entries])
     high = torch.tensor([entry.high for entry in env.task.entries])
     robots = len(env.task.groups[group])
-    # A command for each of the two wheels of a robot.
     size = 2
     if agent == "sac":
         return SACGroup(
@@ -364,7 +365,7 @@ def team_policy(
         if group in learners:
             parts.append(learners[group].policy)
             continue
-        # A group without a learner has no script either if it is not named: "" is none.
+        # An empty text means no script, so a group that is named nowhere has none.
         names = scripts.get(group, "").split(",")
         script = alternating([env.task.script(name) for name in names])
         parts.append(TensorDictModule(script, [(group, "observation")], [(group, "action")]))

@@ -4,13 +4,14 @@ import threading
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import torch
 from tensordict.nn import TensorDictModuleBase
 from torchrl.envs import EnvBase
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 
+from brickhub.fields import Range, check_fields
 from brickhub.seed import check_seed, derive_seed, episode_seed
 from bricksrl.envs.arenas import make_arena
 from bricksrl.envs.env_interface import interface_of
@@ -21,6 +22,8 @@ from bricksrl.training.reproducible import reproducible
 from bricksrl.training.sources import collect_round
 from bricksrl.training.teams.groups import GroupLearner, TeamSettings, make_group, team_policy
 
+MAX_FRAMES = 10**9
+"""Maximum number of steps of a training, which take days."""
 MAX_COPIES = 2**16
 """Maximum number of copies of a simulation."""
 
@@ -42,16 +45,15 @@ class TeamConfig:
     env: str
     agents: Mapping[str, str]
     scripts: Mapping[str, str] = field(default_factory=dict)
-    frames: int = 500_000
-    copies: int = 256
+    frames: Annotated[int, Range(1, MAX_FRAMES)] = 500_000
+    copies: Annotated[int, Range(0, MAX_COPIES)] = 256
     seed: int = 0
 
     def __post_init__(self) -> None:
         check_seed(self.seed)
-        if not self.agents or self.frames < 1 or not 0 <= self.copies <= MAX_COPIES:
-            raise RunError(
-                f"a team needs a learning group, 1 frame or more, and 0 to {MAX_COPIES:,} copies"
-            )
+        check_fields(type(self), vars(self))
+        if not self.agents:
+            raise RunError("a team learns nothing without a learning group; name one in agents")
 
 
 @dataclass(frozen=True)
@@ -77,7 +79,7 @@ class Team:
 
     def save(self, path: Path | str) -> None:
         """Save the acting networks."""
-        # A checkpoint has plain types only, as it is read without executing anything.
+        # A checkpoint has plain types only, because it is read without executing anything.
         config = asdict(self.config)
         config["agents"] = dict(self.config.agents)
         config["scripts"] = dict(self.config.scripts)
@@ -154,11 +156,11 @@ def _learn(
     stop: threading.Event,
 ) -> None:
     config = team.config
-    # An arena with its hubs is a single one.
+    # An arena with its hubs exists only once.
     copies = max(1, config.copies)
     steps_per_batch = team.settings.steps
     batches = max(1, config.frames // (steps_per_batch * copies))
-    # Rewards so far of the episodes that have not ended, [copies].
+    # These are the rewards so far of the episodes that have not ended, [copies].
     running_returns = {group: torch.zeros(copies) for group in config.agents}
     frames_done = 0
     steps = batches * steps_per_batch
@@ -170,7 +172,7 @@ def _learn(
     ):
         frames = collected if collected.ndim == 2 else collected[None]  # [copies, time]
         frames_done += frames.numel()
-        # Before learning, which adds entries to the frames.
+        # This comes before learning, which adds entries to the frames.
         on_progress(
             _progress(
                 team,
@@ -200,9 +202,9 @@ def _progress(
     for group in team.config.agents:
         total = 0.0
         running = running_returns[group]
-        # Mean over the robots: [copies, time].
+        # The mean over the robots is [copies, time].
         rewards = after[group, "reward"].mean((-1, -2))
-        # Step by step, as an episode may end and another begin within a batch.
+        # This goes step by step, because an episode may end and another one begin within a batch.
         for step in range(frames.shape[1]):
             has_ended = done[:, step]
             running += rewards[:, step]
@@ -239,7 +241,7 @@ def play_team(
     played = []
     for number in range(1, episodes + 1):
         env.set_seed(episode_seed("evaluation", seed, number))
-        # Scripts such as "random" draw from torch's generator.
+        # Scripts such as "random" draw from torch's generator, so the seed makes them repeatable.
         torch.manual_seed(derive_seed(seed, "policy", number))
         with torch.no_grad(), set_exploration_type(ExplorationType.DETERMINISTIC):
             outcomes = [frame["next"] for frame in play(env, policy)]

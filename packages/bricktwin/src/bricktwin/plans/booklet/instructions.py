@@ -26,7 +26,8 @@ MAX_PIECES = 8
 """Most pieces in a step."""
 MIN_VISIBLE = 0.25
 """Smallest share of a part that its picture shows."""
-# While a view is tried out with few rays, which see less exactly than those of the picture:
+# These limits hold while a view is tried out: its few rays see less exactly than those of the
+# picture.
 _ENOUGH = 0.45
 """Smallest visible share of all parts for which the view is not turned."""
 _HIDDEN = 0.33
@@ -34,14 +35,14 @@ _HIDDEN = 0.33
 _MIN_GAIN = 0.05
 """How much more of the parts another view must show to be worth turning to."""
 _MAX_QUERIES = 40_000
-"""Collisions that are tested for a booklet, which bounds its time; what comes after has no
+"""Largest number of collision tests for a booklet, which bounds its time. Later steps have no
 arrows."""
 _TRIAL_ZOOM = 1.3
 """Rays per LDU where a view is tried out."""
 _GAP = 28.0
-"""LDU between a part on its way and its hole."""
+"""Distance between a part on its way and its hole, LDU."""
 _MAX_TRIES = 12
-"""How often a larger distance is tried."""
+"""Number of larger distances that are tried."""
 _MAX_ARROWS = 4
 """Most arrows of one move."""
 
@@ -107,7 +108,8 @@ def kind_of(
     """Key of equal items of an assembly at a depth of nesting: parts, or sub-assemblies."""
     parts = [plan.parts[part] for part in item]
     nested = parts[0].assembly[depth:]
-    # A sub-assembly's name ends with a colon and which of its copies it is.
+    # A sub-assembly's name ends with a colon and the number of the copy, which must not tell equal
+    # copies apart.
     name = nested[0].rpartition(":")[0] if nested else parts[0].part.number
     return (name, *(placed.colour for placed in parts))
 
@@ -123,7 +125,7 @@ class _Author:
     joints: Mapping[int, list[tuple[Connection, Site, int, Site]]] = field(init=False)
 
     def __post_init__(self) -> None:
-        # One for all steps, as it counts the queries of the whole booklet.
+        # One Occupancy serves all steps, because it counts the queries of the whole booklet.
         self.occupancy = Occupancy(self.plan.parts, _MAX_QUERIES)
         links = connections(self.plan.parts)
         self.links = links_of(self.plan.parts, links)
@@ -149,7 +151,7 @@ class _Author:
         before = after - {part for move in moves for part in move.parts}
         note = step.note
         for few in self._split(moves, len(step.assembly), before):
-            # The note of a step stands on the first of its pages.
+            # The note of a step is needed only once, so it stands on the first of its pages.
             for instruction in self._shown(
                 few,
                 frozenset(before),
@@ -168,16 +170,16 @@ class _Author:
         depth: int,
         before: set[int],
     ) -> list[list[Move]]:
-        """Moves in order, at most four kinds and eight pieces at once, about as many each time.
-        What is moved together stays together if it is as few."""
+        """Moves in order, in groups of about the same size, with at most four kinds and eight
+        pieces each. Items that are moved together stay together if they are as few."""
         pieces: list[Move] = []
         for move in moves:
             if self._is_few([move], depth):
                 pieces.append(move)
             else:
                 pieces += [Move((item,), move.outward) for item in move.items]
-        # As few steps as with the most pieces in each, but with the last one as full as the others:
-        # the smallest limit that needs no more steps.
+        # A smaller limit that needs as many steps spreads the pieces evenly: else the last step
+        # might hold a single piece.
         fullest = self._filled(
             pieces,
             depth,
@@ -197,8 +199,8 @@ class _Author:
         most: int,
         before: set[int],
     ) -> list[list[Move]]:
-        """Moves in order, so many pieces at once unless one move has more. What only the next ones
-        hold comes with them."""
+        """Moves in order, in groups of at most ``most`` pieces, unless a single move has more. A
+        move that only a later one holds comes in the group of that one."""
         split: list[list[Move]] = []
         for move in moves:
             if split:
@@ -208,7 +210,7 @@ class _Author:
                     split[-1].append(move)
                     continue
             few = [move]
-            # What hangs on nothing yet is shown with what will hold it.
+            # A piece that nothing holds yet is shown together with the piece that will hold it.
             while split and len(split[-1]) > 1 and self._is_few([split[-1][-1], *few], depth):
                 last = split[-1][-1]
                 if not self._waits(last, split, before):
@@ -223,7 +225,8 @@ class _Author:
         split: Sequence[Sequence[Move]],
         before: set[int],
     ) -> bool:
-        """Whether the last of these moves is connected to something, but not to what is there."""
+        """Whether the last of these moves is connected to parts, but to none that are there
+        already."""
         there = set(before)
         for move in itertools.chain.from_iterable(split):
             if move is not last:
@@ -251,7 +254,8 @@ class _Author:
     ) -> Iterator[Instruction]:
         """An instruction for some moves, or two if some of their parts cannot be seen."""
         scene, hidden = self._best_scene(moves, before)
-        # In fewer moves, one part hides less of another.
+        # With fewer moves at once one part hides less of another, so the step is shown in two
+        # halves.
         if hidden and len(moves) > 1:
             half = len(moves) // 2
             yield from self._shown(
@@ -290,7 +294,8 @@ class _Author:
         bright = frozenset(part for move in moves for part in move.parts)
         items = [item for move in moves for item in move.items]
         best: tuple[float, Scene, list[tuple[int, ...]]] | None = None
-        # The default first, then the view of the step before: each once, in this order.
+        # The default view is tried first, then that of the step before; `dict.fromkeys` drops
+        # repetitions and keeps this order.
         for view in dict.fromkeys((VIEWS[0], self.view, *VIEWS)):
             picture = self.studio.picture(shown, view, _TRIAL_ZOOM)
             shares = [picture.visible(item) for item in items]
@@ -309,7 +314,7 @@ class _Author:
         before: frozenset[int],
         hidden: Sequence[tuple[int, ...]],
     ) -> Scene:
-        """The hidden items with what they touch, or alone."""
+        """A scene of the hidden items with the parts that they touch, or of the items alone."""
         parts = {part for item in hidden for part in item}
         touched: set[int] = set()
         for part in parts:
@@ -320,7 +325,8 @@ class _Author:
             if items:
                 few.append(Move(items, move.outward))
         scene, still_hidden = self._best_scene(few, frozenset(touched))
-        # What they touch hides them too: better alone than unseen.
+        # If the parts that they touch hide them, they are drawn alone: that is better than not
+        # seeing them.
         if still_hidden:
             scene, _ = self._best_scene(few, frozenset())
         return scene
@@ -335,7 +341,8 @@ class _Author:
         arrows: list[Arrow] = []
         for move in moves:
             shift = np.zeros(3)
-            # What lies on the table, or has no known way, stays where it is, without an arrow.
+            # A part that lies on the table, or whose way is unknown, is drawn in place without an
+            # arrow.
             ways = self._ways(move, shifts) if move.outward.any() else []
             if ways:
                 on_way = {part: other for part, other in shifts.items() if part not in before}
@@ -351,9 +358,10 @@ class _Author:
         ways: Sequence[Arrow],
         on_way: Mapping[int, Floats],
     ) -> float:
-        """How far from its place a move is drawn, LDU: out of all holes, and apart from the parts
-        that are on their way, each shifted [3]."""
-        # How deep the deepest of its pins and holes goes.
+        """Distance of a move from its place, LDU: out of all holes, and apart from the parts on
+        their way, each shifted [3]."""
+        # The arrow must be as long as the deepest of the part's pins and holes, so that the part is
+        # drawn outside of them.
         longest = max(float((end - start) @ move.outward) for start, end in ways)
         distance = longest + _GAP
         for _ in range(_MAX_TRIES):
@@ -367,8 +375,8 @@ class _Author:
         move: Move,
         shifts: Mapping[int, Floats],
     ) -> list[Arrow]:
-        """Where pins and holes of a move begin [3], and where those that they belong to end: a pair
-        for each line, at most 4."""
+        """Ways of a move: for each of at most four lines, where its pin or hole begins [3] and
+        where the one that it belongs to ends [3]."""
         ways: dict[tuple[float, ...], Arrow] = {}
         for part in move.parts:
             for link, site, other, other_site in self.joints.get(part, ()):
@@ -380,13 +388,13 @@ class _Author:
                 other_end = self._end(other, other_site, move.outward) + shifts[other]
                 start = line + move.outward * float(site_end @ move.outward)
                 end = line + move.outward * float(other_end @ move.outward)
-                # Lines within 4 LDU are one; adding 0 makes a zero of a negative zero, which would
-                # be another key. Of several connections on it, the outermost end counts.
+                # Arrows within 4 LDU are one line, of which the outermost end is kept. Adding 0.0
+                # turns -0.0 into 0.0, which would otherwise be a second key.
                 key = tuple((line / 4).round() + 0.0)
                 if key not in ways or (end - ways[key][1]) @ move.outward > 0:
                     ways[key] = (start, end)
         found = [ways[key] for key in sorted(ways)]
-        # Of many, the first and the last show the direction as well.
+        # The first and the last of many arrows show the direction as well as all of them do.
         return found if len(found) <= _MAX_ARROWS else [found[0], found[-1]]
 
     def _end(
@@ -407,7 +415,7 @@ class _Author:
         shift: Floats,
         others: Mapping[int, Floats],
     ) -> bool:
-        """Whether the moved parts' boxes overlap none of others, moved too."""
+        """Whether the boxes of moved parts overlap no boxes of other parts, which are moved too."""
         if not others:
             return True
         where = np.array(list(others.values()))

@@ -41,18 +41,17 @@ if TYPE_CHECKING:
 
 FORMATS = (".pdf", ".html")
 DPI = 300
-# The size of a page, inches: half of an A4 sheet, lying.
+# A page is half of an A4 sheet, in landscape; sizes are in inches.
 _WIDTH = 8.27
 _HEIGHT = 5.83
 _MM_PER_INCH = 25.4
 _LIFE_SIZE = MM_PER_LDU / _MM_PER_INCH * DPI * OVERSAMPLING
 """Rays per LDU of a picture as large as the parts."""
 _SCALES = tuple(_LIFE_SIZE * 1.15 * 0.84**step for step in range(30))
-"""Few scales, so that the parts of many steps are drawn once."""
+"""Scales of pictures. They are few, so that the parts of many steps are drawn only once."""
 _COLOURS = 64
 """Colours of a picture in a PDF; a page in HTML has twice as many."""
 _HTML_DPI = 150
-# The boxes of a page of the list of parts.
 _LIST_COLUMNS = 6
 _LIST_ROWS = 3
 _NOTE_WIDTH = 112
@@ -68,7 +67,7 @@ _SUB_ASSEMBLY = (1.0, 0.965, 0.843)
 """Colour of pages of sub-assemblies."""
 _COMPASS = 0.42
 """Length of the compass's arrows where they are seen from the side, inches."""
-# Sizes of bars in life size; those of real parts.
+# Bars are drawn in the sizes of real parts, so that a part can be laid on the page and compared.
 _BEAM_WIDTH_MM = 7.2
 _AXLE_WIDTH_MM = 4.6
 _HOLE_RADIUS_MM = 2.4
@@ -77,8 +76,8 @@ _MODULE_MM = 8.0
 
 @dataclass(frozen=True)
 class Item:
-    """A kind of part, or a sub-assembly: picture, count, text; ``bar``: what is drawn at 1:1, or
-    ``None``."""
+    """A kind of part, or a sub-assembly, with picture, count and text. ``bar`` is the part that is
+    drawn in life size, or ``None``."""
 
     picture: Picture
     count: int
@@ -97,7 +96,7 @@ class Cable:
 
 @dataclass(frozen=True)
 class Page:
-    """A page: a title or a step, with items, and lines of text below a picture."""
+    """A page with a title or a step, items, and lines of text below a picture."""
 
     head: str
     note: str
@@ -129,7 +128,7 @@ def pages_of(plan: Plan) -> Iterator[Page]:
     """All pages in order."""
     studio = Studio()
     entries = parts_list(plan)
-    # All steps before the first page, which says how many there are.
+    # All steps are made before the first page, which says how many there are.
     steps = list(instructions(plan, studio))
     everything = _at_rest(plan.parts)
     text = (
@@ -162,7 +161,7 @@ def pages_of(plan: Plan) -> Iterator[Page]:
     cables = _cables(plan)
     if cables:
         note = "Plug in the cables last, and keep them away from moving parts."
-        # The more lines of text, the less room there is above them.
+        # Each cable has a line of text below the picture, which takes this much of its height.
         height = 4.55 - 0.22 * len(cables)
         picture = _fitted(
             studio,
@@ -194,7 +193,8 @@ def _fitted(
     """A picture that fits into a width and height, at most so many times as large as the parts."""
     width, height = extent(shown, view)
     room = min(inches[0] / width, inches[1] / height) * DPI * OVERSAMPLING
-    # A little more than the largest, so that rounding does not lose the scale that equals it.
+    # The limit is a little larger than the scale that it must include, which rounding might put
+    # just above it.
     limit = min(room, largest * _LIFE_SIZE * 1.001)
     fitting = [scale for scale in _SCALES if scale <= limit]
     zoom = fitting[0] if fitting else _SCALES[-1]
@@ -227,7 +227,8 @@ def _step_page(
     for kind, group in placed_items(plan, step).items():
         parts = group[0]
         picture = _part_picture(studio, parts, (1.5, 0.62))
-        # What is nested deeper than the step itself is a sub-assembly that is put in place.
+        # Parts that are nested deeper than the step are a finished sub-assembly, which is put in
+        # place as one.
         is_part = len(parts[0].assembly) == len(step.assembly)
         if is_part:
             bar = parts[0] if _modules(parts[0]) else None
@@ -241,7 +242,7 @@ def _step_page(
             )
         else:
             items.append(Item(picture, len(group), _title(str(kind[0]))))
-    # What stands below the picture takes room from it: bars in life size, and a note.
+    # The picture gets the height that bars in life size and a note leave of the page.
     bars = sum(item.bar is not None for item in items)
     height = 4.7 - 0.36 * bars - (0.25 if step.note else 0.0)
     picture = _fitted(
@@ -289,7 +290,7 @@ def _cables(plan: Plan) -> tuple[Cable, ...]:
     hubs = plan.devices(DeviceKind.HUB)
     positions = dict(hubs[0].electric.ports) if hubs else {}
     cables = []
-    # A device without a port of this hub has no cable: the check of plans names it.
+    # A device at a port that this hub lacks has no cable to draw; `check` reports it.
     devices = plan.devices(DeviceKind.MOTOR, DeviceKind.SENSOR)
     for placed in sorted(devices, key=lambda placed: placed.port or ""):
         if placed.port is None or placed.port not in positions:
@@ -308,16 +309,17 @@ def _cables(plan: Plan) -> tuple[Cable, ...]:
 
 
 def _pdf(plan: Plan, pages: Iterable[Page]) -> tuple[bytes, int]:
-    """The booklet and its number of pages. A page's picture is large: they are drawn one after the
-    other."""
+    """The booklet and its number of pages. Pages are drawn one after the other, because their
+    pictures are large."""
     import_matplotlib()
     from matplotlib import rc_context
     from matplotlib.backends.backend_pdf import PdfPages
 
-    # Names of parts and robots may have a dollar sign, which Matplotlib would take for a formula.
+    # Names of parts and robots may contain a dollar sign, which Matplotlib would take for a
+    # formula.
     as_text: Any = {"text.parse_math": False}
     buffer = io.BytesIO()
-    # Without a date, so that the same plan makes the same bytes.
+    # The file has no date, so that the same plan makes the same bytes.
     metadata = {"Title": plan.title, "Creator": "BricksRL", "CreationDate": None}
     with rc_context(as_text), PdfPages(buffer, metadata=metadata) as pdf:
         for number, page in enumerate(pages, 1):
@@ -336,7 +338,7 @@ def _html(plan: Plan, pages: Iterable[Page]) -> tuple[bytes, int]:
         png = io.BytesIO()
         with rc_context({"text.parse_math": False}):
             _figure(page, number).savefig(buffer, format="png", dpi=_HTML_DPI)
-        # Few colours are a third of the bytes.
+        # Few colours are enough for a drawing, and make the file a third as large.
         image = Image.open(buffer).convert("RGB")
         image = image.quantize(2 * _COLOURS, dither=Image.Dither.NONE)
         image.save(png, format="png", optimize=True)
@@ -353,7 +355,8 @@ def _html(plan: Plan, pages: Iterable[Page]) -> tuple[bytes, int]:
         '<!doctype html><html lang="en"><meta '
         f'charset="utf-8"><title>{html.escape(plan.title)}</title><style>{style}</style>'
     )
-    # One file, with all pictures in it, that can be sent on and opened anywhere.
+    # The pictures are inside of the page, so that it is one file which can be sent on and opened
+    # anywhere.
     return f"{head}<body>{''.join(body)}</body></html>\n".encode(), len(body)
 
 
@@ -458,7 +461,7 @@ def _scene(
         corner,
         step.scene,
     )
-    # Over the picture, as all that comes later is.
+    # The inset is drawn after the picture, as all that lies over it.
     if page.inset is not None and step.inset is not None:
         _inset(
             figure,
@@ -477,7 +480,8 @@ def _inset(
     scene: Scene,
     floor: float,
 ) -> None:
-    """A small picture of what the large one hides, in a box at the lower right, above ``floor``."""
+    """Draw a small picture of the parts that the large one hides, in a box at the lower right,
+    above ``floor``."""
     width, height = (side / DPI for side in picture.size)
     left = _WIDTH - 0.45 - width
     bottom = floor + 0.15
@@ -507,7 +511,8 @@ def _text(
     **style: Any,
 ) -> None:
     """Text at a position in inches."""
-    # Matplotlib draws all texts after all lines and boxes, unless it is told an order.
+    # Matplotlib draws all texts after all lines and boxes, so the order of drawing is given to
+    # each.
     above = len(figure.get_children())
     figure.text(
         x / _WIDTH,
@@ -575,7 +580,7 @@ def _arrow(
     """An arrow between points in inches."""
     from matplotlib.patches import FancyArrowPatch
 
-    # A wider white one below it keeps it apart from the parts behind it.
+    # A wider white line under the arrow keeps it apart from the parts behind it.
     for edge, line in (("white", width + 1.6), (colour, width)):
         patch = FancyArrowPatch(
             start,
@@ -603,7 +608,7 @@ def _put(
     width, height = (side / DPI for side in picture.size)
     left = middle[0] - width / 2
     top = middle[1] + height / 2
-    # Matplotlib counts in shares of the page, from its lower left corner.
+    # Matplotlib counts in shares of the page, from its lower left corner, so inches are converted.
     bottom = top - height
     axes = figure.add_axes((left / _WIDTH, bottom / _HEIGHT, width / _WIDTH, height / _HEIGHT))
     axes.set_zorder(len(figure.get_children()))
@@ -613,10 +618,12 @@ def _put(
 
 
 def _indexed(pixels: Pixels, paper: tuple[float, float, float]) -> Pixels:
-    """A picture with few colours, a third of the bytes; the paper keeps its own."""
+    """A picture with few colours, which takes a third of the bytes. The paper keeps its own
+    colour."""
     image = Image.fromarray(pixels).quantize(_COLOURS, dither=Image.Dither.NONE)
     few = np.asarray(image.convert("RGB")).copy()
-    # Else the edge of the picture would be seen on the page.
+    # The palette may shift the colour of the paper, and the edge of the picture would then be seen
+    # on the page.
     blank = np.round(np.array(paper) * 255).astype(np.uint8)
     few[(pixels == blank).all(axis=-1)] = blank
     return few
@@ -627,7 +634,7 @@ def _inches(
     corner: tuple[float, float],
     point: Floats,
 ) -> tuple[float, float]:
-    """Where a point [3] of the plan is on the page."""
+    """Place of a point [3] of the plan on the page, inches."""
     x, y = picture.pixel_of(point)
     return corner[0] + x / DPI, corner[1] - y / DPI
 
@@ -669,7 +676,7 @@ def _arrows(
 ) -> None:
     """The arrows of a scene: dashed and grey where they run behind parts."""
     for start, end in scene.arrows:
-        # Without the last tenth, which is at the part where the arrow ends.
+        # The last tenth is left out, because it lies on the part where the arrow ends.
         points = [start + (end - start) * share for share in np.linspace(0.0, 0.9, 7)]
         hidden_share = np.mean([picture.hides(point) for point in points])
         tail = _inches(picture, corner, start)
@@ -692,12 +699,12 @@ def _compass(
     view: View,
     middle: tuple[float, float],
 ) -> None:
-    """The robot's front and right in a view; in a plan they are z and x."""
+    """Draw the robot's front and right in a view, which are z and x in a plan."""
     centre = np.array(middle)
-    # In a picture y points down, on a page up.
+    # The y axis is turned round, because it points down in a picture and up on a page.
     to_page = np.array([_COMPASS, -_COMPASS])
     right, front = ((view.axes[:2] @ np.eye(3)[axis]) * to_page for axis in (0, 2))  # [2] each
-    # A square in the plane of the two arrows, which shows that they lie flat.
+    # Without this square in the plane of the two arrows, nothing would show that they lie flat.
     corners = [
         centre + (across * right + along * front) * 0.45
         for across, along in ((-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1))
@@ -717,7 +724,7 @@ def _compass(
             colour,
             1.2,
         )
-        # The label is beyond the tip, clear of its head.
+        # The label stands beyond the tip, because on the arrow's head it could not be read.
         clearance = np.array([0.03 * np.sign(direction[0]), 0.05 * np.sign(direction[1])])
         x, y = (centre + direction * 1.12 + clearance).tolist()
         align = "left" if direction[0] > 0 else "right"
@@ -738,7 +745,7 @@ def _turn_mark(
     view: View,
     middle: tuple[float, float],
 ) -> None:
-    """Two arrows in a circle, and from where the robot is seen now."""
+    """Draw two arrows in a circle, and write from where the robot is seen now."""
     x, y = middle
     _arrow(
         figure,
@@ -760,7 +767,7 @@ def _turn_mark(
         "from behind" if abs(view.turn_deg) > 90 else "from the front",
         "left" if view.turn_deg > 0 else "right",
     ]
-    # From above is the usual view, and not said.
+    # Most views are from above, so only a view from below is named.
     if view.tilt_deg < 0:
         words.append("below")
     _text(
@@ -776,7 +783,6 @@ def _turn_mark(
 
 def _item_column(figure: Figure, items: Sequence[Item]) -> None:
     """The box with the items of a step."""
-    # Inches: a row holds a picture, and its text below it.
     row_height = 0.98
     top = _HEIGHT - 0.85
     bottom = top - row_height * len(items) - 0.06
@@ -804,7 +810,7 @@ def _item_column(figure: Figure, items: Sequence[Item]) -> None:
             11,
             weight="bold",
         )
-        # The name begins after the count, however many digits that has.
+        # The name is moved to the right by the digits of the count.
         name_x = 0.55 + 0.1 * len(str(item.count))
         _text(
             figure,
@@ -859,17 +865,18 @@ def _life_size(
     placed: Placed,
     y: float,
 ) -> None:
-    """An axle or a straight beam at its real length, its modules marked."""
+    """Draw an axle or a straight beam in its real length, with marks at its modules."""
     from matplotlib.patches import Circle
 
     modules = _modules(placed)
     is_axle = placed.part.family == "axles"
     has_holes = any(site.fit is Fit.HOLE for site in placed.part.sites)
-    # Inches, as all of a page.
+    # The bar is drawn in life size, so its millimetres become the inches of the page.
     width = (_AXLE_WIDTH_MM if is_axle else _BEAM_WIDTH_MM) / _MM_PER_INCH
     length = modules * _MODULE_MM / _MM_PER_INCH
     pitch = _MODULE_MM / _MM_PER_INCH
-    # Beside the column of items, or below it, if the part is too long: it cannot be scaled down.
+    # The bar stands beside the column of items. A long one goes below it, because it cannot be
+    # scaled down.
     left = 2.35
     if left + length > _WIDTH - 0.3:
         left = 0.3
@@ -880,7 +887,8 @@ def _life_size(
         "0.2",
     )
     for module in range(modules):
-        # An axle has marks between its modules, a beam a hole in the middle of each.
+        # The bar has the marks of the real part, by which a reader counts its modules: an axle has
+        # them between its modules, and a beam has a hole in the middle of each.
         if is_axle and module:
             x = left + module * pitch
             _line(

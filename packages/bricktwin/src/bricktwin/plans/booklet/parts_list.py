@@ -50,12 +50,13 @@ def parts_list(plan: Plan) -> list[Entry]:
     """The parts of a plan by family, highest count first."""
     counts = Counter((placed.part, placed.colour) for placed in plan.parts)
     entries = [Entry(part, colour_of(code), count) for (part, code), count in counts.items()]
-    # The family of the heaviest entry comes first.
+    # Families are sorted by their heaviest entry, so that hubs and motors come before pins.
     heaviest_first = sorted(entries, key=lambda entry: -entry.mass_g)
     families = list(dict.fromkeys(entry.part.family for entry in heaviest_first))
 
     def order(entry: Entry) -> tuple[int, int, str, int]:
-        # Name and colour tell apart what is there equally often.
+        # Name and colour order the entries that are needed equally often, so that the list is
+        # always the same.
         family = families.index(entry.part.family)
         return family, -entry.count, entry.part.name, entry.colour.code
 
@@ -68,7 +69,7 @@ def as_text(entries: list[Entry], kind: str) -> str:
         return _bricklink(entries)
     rows: list[list[str | int | float]] = []
     if kind == "rebrickable":
-        # The heads by which Rebrickable knows the columns of an uploaded list.
+        # Rebrickable needs these heads to recognise the columns of an uploaded list.
         for entry in entries:
             rows.append([entry.part.number, entry.colour.rebrickable, entry.count])
         return _table(["Part", "Color", "Quantity"], rows)
@@ -83,7 +84,7 @@ def as_text(entries: list[Entry], kind: str) -> str:
 
 def _table(heads: list[str], rows: list[list[str | int | float]]) -> str:
     text = io.StringIO()
-    # Lines end alike on every system: the same plan makes the same bytes.
+    # Lines end the same way on every system, so that the same plan makes the same bytes.
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(heads)
     writer.writerows(rows)
@@ -117,7 +118,7 @@ _REPLACEMENTS = {"3704": "32062", "62821": "62821b"}
 """Parts that another one can replace: an axle by a notched one, a differential by its other
 mould."""
 _MAX_LISTED = 8
-"""Kinds of missing parts that a line names."""
+"""Largest number of kinds of missing parts that a line names."""
 
 
 @dataclass(frozen=True)
@@ -158,7 +159,7 @@ class Purchase:
         text = f"{names}: {self.present} of {needed} parts"
         if self.uncompared:
             text += f"; {self.uncompared.total()} not compared"
-        # Devices go by their names, which the catalogue does not find.
+        # Devices are listed by names of their own, which the catalogue would not find.
         others = [kind for kind in self.uncompared if kind not in _devices()]
         unknown = sorted(kind for kind in others if catalogue.find(kind) is None)
         if unknown:
@@ -171,13 +172,14 @@ class Purchase:
 @functools.cache
 def sets() -> tuple[LegoSet, ...]:
     """The sets of ``inventories.csv``, which also names the sources."""
-    # A row of the table is a part, and a column a set.
+    # The table has a row for each part and a column for each set, so sets are read from its
+    # columns.
     rows = read_table("bricktwin.plans.catalogue", "inventories")
     keys = [_key(catalogue.get(row["part"])) for row in rows]
     lego_sets: list[LegoSet] = []
     for number, name in NAMES.items():
         counts = [int(row[number]) for row in rows]
-        # The plus sign leaves out the parts that a set has none of.
+        # The unary plus drops parts with a count of 0, which a set does not have.
         parts = +Counter(dict(zip(keys, counts, strict=True)))
         is_listed = number not in _ELECTRONICS_ONLY
         lego_sets.append(LegoSet(number, name, parts, is_listed))
@@ -187,7 +189,7 @@ def sets() -> tuple[LegoSet, ...]:
 def needs(plan: Plan) -> Counter[str]:
     """Count of the plan's parts: devices by their name in ``bricktwin.robots``, others by number,
     with equal parts as one."""
-    # A part that may be drawn as its pieces counts as these.
+    # A part that a plan may draw as several pieces counts as these pieces.
     numbers: list[str] = []
     for placed in plan.parts:
         numbers += components().get(placed.part.number, (placed.part.number,))
@@ -208,7 +210,7 @@ def purchases(plan: Plan) -> list[Purchase]:
             continue
         alone = _purchase((base,), needed, unknown)
         result.append(alone)
-        # What a set without a full inventory lacks, nobody knows.
+        # A set without a full inventory may hold the other parts too; what it lacks is unknown.
         pairs = [_purchase((base, extra), needed, unknown) for extra in extras if base.is_listed]
         result += [pair for pair in pairs if pair.present > alone.present]
     return sorted(result, key=lambda purchase: (-purchase.present, len(purchase.sets)))
@@ -230,7 +232,8 @@ def owned(plan: Plan, numbers: Sequence[str]) -> Purchase:
 
 def still_needed(entries: Iterable[Entry], missing: Counter[str]) -> list[Entry]:
     """The entries, with the counts that are missing; a missing part may have any of its colours."""
-    # What an entry takes is not missing from the next ones, of other colours.
+    # Parts are taken out as they are used, so that the next entry, of another colour, does not
+    # count them again.
     left = Counter(missing)
     result = []
     for entry in entries:
@@ -248,8 +251,8 @@ def _purchase(
     needed: Counter[str],
     unknown: Counter[str],
 ) -> Purchase:
-    """What sets have of a plan's parts, and what is missing. ``unknown``: the plan's parts that the
-    catalogue does not have."""
+    """The parts of a plan that some sets have, and the missing ones. ``unknown`` are the plan's
+    parts that the catalogue does not have."""
     available: Counter[str] = Counter()
     for lego_set in lego_sets:
         available += lego_set.parts
@@ -262,7 +265,7 @@ def _purchase(
             missing,
             unknown,
         )
-    # Of an inventory of electronics only, nobody knows whether it has the other parts.
+    # An inventory that lists electronics only does not say whether the set has the other parts.
     uncompared = Counter({part: count for part, count in missing.items() if part not in _devices()})
     return Purchase(
         lego_sets,
@@ -273,7 +276,7 @@ def _purchase(
 
 
 def _key(part: Part) -> str:
-    """What a part is compared by: equal keys are as good as each other."""
+    """Key by which a part is compared: parts with equal keys can replace each other."""
     if part.device is not None:
         return part.device.name
     return _REPLACEMENTS.get(part.number, part.number)
@@ -287,7 +290,7 @@ def _devices() -> dict[str, Part]:
 
 def _listing(parts: Counter[str]) -> str:
     """Counts, names and numbers."""
-    # Devices first, then what is needed most; the number tells apart what is needed equally often.
+    # Devices come first, then the parts that are needed most. The part number settles ties.
     kinds = sorted(parts, key=lambda part: (part not in _devices(), -parts[part], part))
     text = ", ".join(f"{parts[kind]} x {_named(kind)}" for kind in kinds[:_MAX_LISTED])
     others = kinds[_MAX_LISTED:]

@@ -31,13 +31,13 @@ _LIGHT = np.array([-0.42, -0.72, -0.55]) / np.linalg.norm([-0.42, -0.72, -0.55])
 _AMBIENT = 0.66
 """Brightness in the shade."""
 _DIFFUSE = 0.40
-"""What the light adds to it where it falls straight on a surface."""
+"""Brightness that the light adds where it falls straight on a surface."""
 _DARKEST_SIDE = -0.4
 """Cosine below which a surface that is turned away from the light gets no darker."""
 _HOLLOW = 0.80
 """Share of the brightness that is left in holes."""
 _EPSILON = 0.02
-"""LDU: what is thinner along a ray is nothing. Without it rounding leaves films of material, at
+"""Least thickness of material along a ray, LDU. Without it rounding leaves films of material, at
 almost a third of the points of a gear with 24 teeth (3648)."""
 _FOLD = 0.80
 """Cosine of the smallest angle of a fold that is drawn as a line."""
@@ -46,7 +46,7 @@ _JUMP = 5.0
 _FADED = 0.52
 """Share of a faded part's colour that is replaced."""
 _FADE_TO = 0.95
-"""The grey that replaces it."""
+"""Grey that replaces that share of a faded part's colour."""
 _FADED_EDGE = 0.50
 """Brightness of a faded part's lines."""
 _DARKEST = 0.12
@@ -56,13 +56,13 @@ _BLACK = 0.25
 _EDGE = 0.10
 """Brightness of the lines of a part in full colour."""
 _LIGHT_EDGE = 0.50
-"""The same of a black one."""
+"""Brightness of the lines of a black part in full colour."""
 _MAX_PASSES = 12
-"""How often a ray may leave one cut and find itself in another."""
+"""Largest number of times that a ray may leave one cut and find itself in another."""
 _MAX_POINTS = 25_000_000
-"""Points of the sprites that are kept, ten bytes each."""
+"""Largest number of points of all sprites that are kept, at ten bytes each."""
 _Window = tuple[slice, slice]
-"""Rows and columns."""
+"""Slices of the rows and of the columns of an array."""
 
 
 @dataclass(frozen=True)
@@ -82,7 +82,7 @@ class View:
         """Rows right, down, away from the viewer [3, 3], in the plan's frame."""
         turn = math.radians(self.turn_deg)
         tilt = math.radians(self.tilt_deg)
-        # The plan's y points down: what is seen from above looks along +y.
+        # The y axis of a plan points down, so a view from above looks along +y.
         x = -math.sin(turn) * math.cos(tilt)
         y = -math.sin(tilt)
         z = math.cos(turn) * math.cos(tilt)
@@ -93,7 +93,7 @@ class View:
 
 
 VIEWS = tuple(View(turn, tilt) for tilt in (30.0, -30.0) for turn in (40.0, -40.0, 140.0, -140.0))
-"""The first is the default."""
+"""Views that a step may be drawn in; the first one is the default."""
 
 
 @dataclass(frozen=True)
@@ -121,8 +121,8 @@ class Sprite:
 
 
 class _Spans(NamedTuple):
-    """Where rays enter and leave a convex solid; a ray that misses it enters behind where it
-    leaves."""
+    """Depths at which rays enter and leave a convex solid. A ray that misses it enters behind where
+    it leaves."""
 
     enter: Reals
     leave: Reals
@@ -137,29 +137,29 @@ class _Rays(NamedTuple):
     axes: Reals
 
     def spans(self, solid: Solid) -> list[_Spans]:
-        """Where they are in a solid: for a ring, before and behind its bore."""
-        # Single precision, as in the sprites, which keep ten bytes a point.
+        """Spans of the rays in a solid: one, or for a ring two, before and behind its bore."""
+        # Single precision is enough, and a sprite then keeps ten bytes a point.
         frame = np.array(solid.axes, dtype=np.float32)
         centre = frame @ np.array(solid.centre, dtype=np.float32)
-        # In the solid's frame a ray is `across` [h, w], one for each axis, plus its depth times
-        # `along` [3].
-        turned = frame @ self.axes.T.astype(np.float32)
-        across = [
-            row[0] * self.x + row[1] * self.y[:, None] - middle
-            for row, middle in zip(turned, centre, strict=True)
-        ]
+        # In the frame of the solid, the point of a ray at a depth is `across + depth * along`:
+        # `across` is [h, w] for each of the three axes, `along` is [3].
+        turned = frame @ self.axes.T.astype(np.float32)  # [3, 3]
+        across: list[Reals] = []
+        for (right, down, _), middle in zip(turned, centre, strict=True):
+            across.append(right * self.x + down * self.y[:, None] - middle)
         along = turned[:, 2]
         if solid.form is Form.BOX:
-            slabs = [_slab(across[axis], along[axis], solid.half[axis]) for axis in range(3)]
+            slabs = [_slab(*ray) for ray in zip(across, along, solid.half, strict=True)]
             return [_common(*slabs)]
         if solid.form is Form.BALL:
             return [_round(across, along, solid.half[0])]
-        ends = _slab(across[2], along[2], solid.half[2])
-        outer = _common(_round(across[:2], along[:2], solid.half[0]), ends)
+        radius, bore_radius, half_length = solid.half
+        ends = _slab(across[2], along[2], half_length)
+        outer = _common(_round(across[:2], along[:2], radius), ends)
         if solid.form is Form.CYLINDER:
             return [outer]
-        # A ring is not convex: a ray through its bore is in its wall twice.
-        bore = _common(_round(across[:2], along[:2], solid.half[1]), ends)
+        # A ring is not convex: a ray through its bore crosses the wall twice.
+        bore = _common(_round(across[:2], along[:2], bore_radius), ends)
         is_bored = bore.enter < bore.leave
         before_bore = _Spans(outer.enter, np.where(is_bored, bore.enter, outer.leave))
         behind_bore = _Spans(np.where(is_bored, bore.leave, np.inf), outer.leave)
@@ -167,7 +167,7 @@ class _Rays(NamedTuple):
 
 
 def _common(first: _Spans, *others: _Spans) -> _Spans:
-    """Where all spans are."""
+    """The common part of all spans."""
     enter, leave = first
     for other in others:
         enter = np.maximum(enter, other.enter)
@@ -187,7 +187,7 @@ def _slab(
     along: float,
     half: float,
 ) -> _Spans:
-    """Where rays are between two parallel planes."""
+    """Spans of rays between two parallel planes."""
     if abs(along) < 1e-7:
         return _everywhere(np.abs(across) < half)
     middle = across / -along
@@ -200,13 +200,14 @@ def _round(
     along: Reals,
     radius: float,
 ) -> _Spans:
-    """Where rays are in a ball (three coordinates) or an endless cylinder (two)."""
-    # |across + depth * along|^2 = radius^2, a quadratic equation for the depth.
+    """Spans of rays in a ball (three coordinates) or in an endless cylinder (two)."""
+    # The depth solves |across + depth * along|^2 = radius^2, a quadratic equation.
     square = float(along @ along)
     constant = sum(value * value for value in across) - radius**2
     if square < 1e-12:
         return _everywhere(np.asarray(constant < 0))
-    middle = -sum(value * part for value, part in zip(across, along, strict=True)) / square
+    product = sum(value * part for value, part in zip(across, along, strict=True))
+    middle = -product / square
     discriminant = middle**2 - constant / square
     root = np.sqrt(np.maximum(discriminant, 0.0))
     is_hit = discriminant > 0
@@ -216,7 +217,7 @@ def _round(
 
 
 class _Box(NamedTuple):
-    """Columns and rows: the first ones, and the ones after the last."""
+    """A range of columns and rows: the first ones, and the ones after the last."""
 
     left: int
     top: int
@@ -228,15 +229,15 @@ class _Box(NamedTuple):
         left: int,
         top: int,
     ) -> _Window:
-        """Its rows and columns in an array that begins at another column and row."""
+        """The rows and columns of this box in an array that begins at another column and row."""
         rows = slice(self.top - top, self.bottom - top)
         columns = slice(self.left - left, self.right - left)
         return rows, columns
 
 
 class _Source(NamedTuple):
-    """What a ray meets: a solid, its material, and whether the ray comes out of it: it is cut out
-    of what is seen."""
+    """A surface that a ray may meet: a solid with its material. ``is_cut`` says that the solid is
+    cut out, so that the ray comes out of it."""
 
     solid: Solid
     tint: Tint
@@ -244,7 +245,7 @@ class _Source(NamedTuple):
 
 
 class _Cut(NamedTuple):
-    """Where rays are in a cut, in a window of the rays of the piece."""
+    """Spans of rays in a cut, in a window of the rays of the piece."""
 
     solid: Solid
     window: _Window
@@ -264,7 +265,8 @@ def sprite_of(
     top = min(box.top for box in boxes)
     height = max(box.bottom for box in boxes) - top
     width = max(box.right for box in boxes) - left
-    # Of each ray: the depth of what it meets first, and which of the sources that is.
+    # For each ray, `depth` is where it first meets material and `source` the index in `sources` of
+    # what it meets there.
     depth = np.full((height, width), np.inf, dtype=np.float32)
     source = np.full((height, width), -1, dtype=np.int32)
     sources: list[_Source] = []
@@ -273,10 +275,12 @@ def sprite_of(
         cuts = _cuts_in(piece.cuts, box, axes, zoom)
         for span in _rays(box, axes, zoom).spans(piece.solid):
             at, cut_by = _first_material(span, cuts)
-            # Of two surfaces in one place, the piece that was drawn first is seen.
+            # Two surfaces may be in the same place. The margin keeps the one that was drawn first,
+            # whatever the rounding.
             is_nearer = at < depth[window] - 1e-3
             depth[window] = np.where(is_nearer, at, depth[window])
-            # The sources of a piece are its solid, and then its cuts: -1 is the solid.
+            # A piece adds its solid to `sources` and then its cuts, so that `cut_by` = -1 is the
+            # solid.
             source[window] = np.where(is_nearer, len(sources) + cut_by + 1, source[window])
         sources.append(_Source(piece.solid, piece.tint, is_cut=False))
         sources += [_Source(cut.solid, piece.tint, is_cut=True) for cut in cuts]
@@ -300,7 +304,7 @@ def _cuts_in(
     """The cuts that rays of a box may meet; one with a bore is two."""
     found: list[_Cut] = []
     for cut in cuts:
-        # Only the rays that the piece and the cut share are followed.
+        # Following only the rays that the piece and the cut share saves most of the work.
         whole = _pixel_box(cut, axes, zoom)
         shared = _Box(
             max(whole.left, box.left),
@@ -322,8 +326,10 @@ def _pixel_box(
 ) -> _Box:
     """The columns and rows of a solid, at least one of each."""
     points = solid.corners() @ axes[:2].T * zoom  # [8, 2]
-    left, top = np.floor(points.min(axis=0)).astype(int).tolist()
-    right, bottom = np.ceil(points.max(axis=0)).astype(int).tolist()
+    first = np.floor(points.min(axis=0))
+    after_last = np.ceil(points.max(axis=0))
+    left, top = first.astype(int).tolist()
+    right, bottom = after_last.astype(int).tolist()
     return _Box(
         left,
         top,
@@ -344,12 +350,12 @@ def _rays(
 
 
 def _first_material(span: _Spans, cuts: Sequence[_Cut]) -> tuple[Reals, Ints]:
-    """Where rays meet the material of a solid (infinite if nowhere), and the index of the cut that
-    they come out of, -1 for none."""
+    """Depths at which rays meet the material of a solid (infinite if nowhere), and the indices of
+    the cuts that they come out of, -1 for none."""
     at = span.enter.copy()
     cut_by = np.full(span.enter.shape, -1)
-    # Cuts overlap, as a bore and its recesses do: behind one, a ray may be in another that came
-    # before it in the list.
+    # Cuts overlap, as a bore and its recesses do, so a ray that leaves one may be in another that
+    # was tested before it.
     for _ in range(_MAX_PASSES if cuts else 0):
         has_moved = False
         for number, (_, window, cut) in enumerate(cuts):
@@ -378,9 +384,11 @@ def _shaded(
     normals = np.zeros((*depth.shape, 3), dtype=np.float32)
     tint = np.zeros(depth.shape, dtype=np.uint8)
     shade = np.ones(depth.shape, dtype=np.float32)
-    # All points are sorted by their source once, instead of searched for each of the sources.
+    # One sort by source finds the points of all sources; searching the picture for each would take
+    # a pass for each.
     order = np.argsort(source, axis=None, kind="stable")
-    bounds = np.searchsorted(source.ravel()[order], np.arange(len(sources) + 1))
+    sorted_sources = source.ravel()[order]
+    bounds = np.searchsorted(sorted_sources, np.arange(len(sources) + 1))
     for number, (solid, material, is_cut) in enumerate(sources):
         points = order[bounds[number] : bounds[number + 1]]
         rows, columns = np.unravel_index(points, depth.shape)
@@ -388,13 +396,15 @@ def _shaded(
             continue
         x = (columns + left + 0.5) / zoom
         y = (rows + top + 0.5) / zoom
-        in_view = np.column_stack([x, y, depth[rows, columns]])
-        in_part = np.asarray(in_view @ axes, dtype=float)
-        # The surface of a hole looks into it.
-        outward = solid.normals(in_part) @ axes.T * (-1.0 if is_cut else 1.0)
+        in_view = np.column_stack([x, y, depth[rows, columns]])  # [n, 3]
+        in_part = np.asarray(in_view @ axes, dtype=float)  # [n, 3]
+        # The surface of a cut is seen from its inside, so its normals are reversed.
+        side = -1.0 if is_cut else 1.0
+        outward = solid.normals(in_part) @ axes.T * side  # [n, 3]
         normals[rows, columns] = outward
         tint[rows, columns] = material
-        brightness = _AMBIENT + _DIFFUSE * np.maximum(outward @ _LIGHT, _DARKEST_SIDE)
+        facing = np.maximum(outward @ _LIGHT, _DARKEST_SIDE)  # [n]
+        brightness = _AMBIENT + _DIFFUSE * facing
         shade[rows, columns] = brightness * (_HOLLOW if is_cut else 1.0)
     is_edge = _edges(depth, normals)
     return Sprite(
@@ -412,7 +422,7 @@ def _edges(depth: Reals, normals: Reals) -> Bools:
     is_edge = np.zeros(depth.shape, dtype=bool)
     for first, second in _neighbours():
         is_both = np.isfinite(depth[first]) & np.isfinite(depth[second])
-        # Where the part is at neither of them, one infinity is subtracted from another.
+        # Where the part is at neither point, infinity minus infinity is NaN, and NumPy would warn.
         with np.errstate(invalid="ignore"):
             jumps = np.abs(depth[first] - depth[second]) > _JUMP
         folds = np.einsum("ijk,ijk->ij", normals[first], normals[second]) < _FOLD
@@ -438,8 +448,8 @@ class Shown(NamedTuple):
 
 @dataclass(frozen=True)
 class Picture:
-    """What each point shows: the index of a part, -1 for none, with its material, brightness and
-    lines.
+    """A picture: for each point, the index of the part that it shows (-1 for none), with its
+    material, brightness and lines.
 
     Attributes:
         view, zoom: rays per LDU.
@@ -465,8 +475,7 @@ class Picture:
         return self.owner.shape[1] / OVERSAMPLING, self.owner.shape[0] / OVERSAMPLING
 
     def visible(self, group: Iterable[int]) -> float:
-        """Share of some parts, as one thing, that the others do not hide: the largest number is
-        that of the parts alone."""
+        """Share of some parts, taken as one thing, that the other parts do not hide."""
         parts = list(group)
         shown = np.isin(self.owner, parts).sum()
         alone = sum(self.alone[part] for part in parts)
@@ -484,7 +493,7 @@ class Picture:
         height, width = self.depth.shape
         if not (0 <= x < width and 0 <= y < height):
             return False
-        # A point on a part's surface is not hidden by that part: it must be clearly in front.
+        # A part does not hide a point on its own surface, so only what is clearly in front counts.
         return bool(self.depth[y, x] < self.view.axes[2] @ point - _JUMP)
 
     def pixels(
@@ -495,7 +504,7 @@ class Picture:
         """The picture [h, w, 3] on paper of a colour; ``bright``: parts in full colour, the others
         fade; ``None`` fades none."""
         image = self._painted(bright, paper)
-        # The mean of the rays of a pixel, rounded.
+        # A pixel is the mean of its rays; 0.5 is added because the conversion to integers cuts off.
         parts = [
             image[row::OVERSAMPLING, column::OVERSAMPLING]
             for row, column in np.ndindex(OVERSAMPLING, OVERSAMPLING)
@@ -509,8 +518,8 @@ class Picture:
         paper: tuple[float, float, float],
     ) -> Reals:
         """The colour of each ray [h, w, 3] in 0..1."""
-        # Tables by the index of a part; -1, the last row, is the paper. A colour is `white`, plus
-        # `tones` times the brightness.
+        # These tables have a row for each part, and a last one (-1) for the paper. A colour is
+        # `white` plus `tones` times the brightness.
         count = max(self.colours, default=0) + 2
         tones, white = np.zeros((2, count, len(Tint), 3), dtype=np.float32)
         outline, inner_line = np.full((2, count), _FADED_EDGE, dtype=np.float32)
@@ -526,10 +535,12 @@ class Picture:
                 white[part] = _FADED * _FADE_TO
         white[-1] = paper
         outline[-1] = 1.0
-        lit = tones[self.owner, self.tint] * self.shade[..., None]
-        image = np.minimum(white[self.owner, self.tint] + lit, 1.0)
-        image[self.edge] = inner_line[self.owner[self.edge], None]
-        # Between two parts, on both sides, the line is that of the one with the darker lines: a
+        lit = tones[self.owner, self.tint] * self.shade[..., None]  # [h, w, 3]
+        unlit = white[self.owner, self.tint]  # [h, w, 3]
+        image = np.minimum(unlit + lit, 1.0)
+        owner_of_edge = self.owner[self.edge]
+        image[self.edge] = inner_line[owner_of_edge, None]
+        # The line between two parts has the darker of their two tones, on both sides, so that a
         # bright part stands out from faded ones.
         for first, second in _neighbours():
             first_owner = self.owner[first]
@@ -538,7 +549,7 @@ class Picture:
             first_line = outline[first_owner[rows, columns]]
             second_line = outline[second_owner[rows, columns]]
             dark = np.minimum(first_line, second_line)[:, None]
-            # Both are views of one image.
+            # Both sides are views of the same image, so writing to them changes it.
             for side in (image[first], image[second]):
                 side[rows, columns] = np.minimum(side[rows, columns], dark)
         return np.asarray(image)
@@ -555,7 +566,7 @@ class _Place(NamedTuple):
 
 
 class Studio:
-    """Draws pictures, and keeps the sprites."""
+    """A studio that draws pictures and keeps the sprites."""
 
     def __init__(self) -> None:
         self._sprites: dict[tuple[str, bytes, float], Sprite] = {}
@@ -574,7 +585,7 @@ class Studio:
         top = min(place.top for place in places) - margin
         right = max(place.left + place.sprite.depth.shape[1] for place in places) + margin
         bottom = max(place.top + place.sprite.depth.shape[0] for place in places) + margin
-        # Whole pixels.
+        # The size is a whole number of pixels, so that each pixel has all of its rays.
         width = _rounded_up(right - left, OVERSAMPLING)
         height = _rounded_up(bottom - top, OVERSAMPLING)
         depth = np.full((height, width), np.inf, dtype=np.float32)
@@ -629,7 +640,8 @@ class Studio:
         axes: Floats,
         zoom: float,
     ) -> Sprite:
-        # Rounded, as turned assemblies have axes that differ in their last digits.
+        # Turned assemblies have axes that differ in their last digits only; rounding lets them
+        # share a sprite.
         key = (placed.part.number, axes.round(4).tobytes(), zoom)
         if key not in self._sprites:
             sprite = sprite_of(placed.part, axes, zoom)
@@ -648,8 +660,8 @@ def extent(shown: Sequence[Shown], view: View) -> tuple[float, float]:
     """Width and height of parts in a view, LDU."""
     corners = []
     for placed, shift in shown:
-        low, high = placed.part.bounds
-        box = np.array(list(itertools.product(*np.stack([low, high]).T)))  # [8, 3]
+        ends = np.stack(placed.part.bounds).T  # [3, 2]
+        box = np.array(list(itertools.product(*ends)))  # [8, 3]
         corners.append(placed.to_plan(box) + shift)
     points = np.concatenate(corners) @ view.axes[:2].T  # [n, 2]
     width, height = np.ptp(points, axis=0)

@@ -15,7 +15,8 @@ from bricktwin.plans.part import Device, DeviceKind, MassSource, Part
 _PRINTED = re.compile(r"(\d+[a-z]??)(?:p|d|-)\w{1,8}")
 """A number with a pattern, in LDraw's notation: 3004p0b, stickers as 87079d08, formerly 3005-7."""
 DIRECT_COLOUR = 0x2000000
-"""LDraw's code of black as red, green and blue; from here on the lowest 24 bits are the colour."""
+"""LDraw's code of black as a direct colour. In codes from here on, the lowest 24 bits are red,
+green and blue."""
 
 
 @functools.cache
@@ -36,8 +37,8 @@ def find(number: str) -> Part | None:
     number = number.lower().removesuffix(".dat")
     plain = _PRINTED.fullmatch(number)
     part = _by_number().get(number)
-    # The whole number first: a part of its own may have a number that looks like a print, as
-    # 39367p02 has.
+    # The whole number is looked up first, because a part of its own may have one that looks like a
+    # print, as 39367p02 does.
     if part is None and plain is not None:
         part = _by_number().get(plain[1])
     return part

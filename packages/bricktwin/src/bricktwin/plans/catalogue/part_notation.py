@@ -42,22 +42,22 @@ _FITS = {
     "tyre": Fit.TYRE,
 }
 _WITHOUT_SOLIDS = (Fit.TURNTABLE, Fit.STUD, Fit.STUD_HOLE, Fit.BALL, Fit.SOCKET, Fit.RIM, Fit.TYRE)
-"""Sites without solids: collisions ignore studs, sockets and the hollows for them; a towball's head
-is added to its part."""
+"""Kinds of sites without solids. Collisions ignore studs, sockets and the hollows for them, and the
+head of a towball is added to its part."""
 _NOTCH = "notch "
 _MODULE = 20.0
-"""LDU: distance between holes."""
+"""Distance between holes, LDU."""
 _WALL_RADIUS = 9.0
-"""LDU: outer radius of the tube around a hole."""
+"""Outer radius of the tube around a hole, LDU."""
 _PIN_RADIUS = 6.0
-"""LDU: radius of what goes into a hole."""
+"""Radius of a pin or an axle, LDU."""
 
 
 def points(text: str) -> list[Triple]:
     """Points of a text such as ``"0,0,-20 ±40,0,0..60"``."""
     found: list[Triple] = []
     for word in text.split():
-        # Each coordinate may be several: all of their combinations.
+        # A coordinate may list several values. A word then stands for all of their combinations.
         values = [_coordinates(coordinate) for coordinate in word.split(",")]
         found += [(x, y, z) for x, y, z in itertools.product(*values)]
     return found
@@ -91,7 +91,8 @@ def _range(
 ) -> list[float]:
     """Values from the first one to the last one, both included."""
     span = last - first
-    # It may run downwards, as from 60 to 0: the order of a beam's holes is that of its kinds.
+    # A range may run downwards, as from 60 to 0, because its order is the order of the holes in a
+    # beam.
     stride = math.copysign(step, span)
     count = round(span / stride) + 1
     return [first + stride * index for index in range(count)]
@@ -104,7 +105,7 @@ def sites(text: str, *, turns: bool = False) -> tuple[Site, ...]:
         head, _, centres = group.partition(":")
         fit, along, *tilt = head.split()
         axis, length = _axis(along)
-        # After the word `tilted`.
+        # The word `tilted` is followed by an angle, and without it there is none.
         tilt_deg = float(tilt[1]) if tilt else 0.0
         tilted_axis = _tilted(axis, tilt_deg)
         for centre in points(centres):
@@ -140,7 +141,8 @@ def beam(text: str) -> tuple[tuple[Site, ...], tuple[Solid, ...]]:
         _, along, kinds = head.split()
         (axis, thickness) = _axis(along)
         centres = points(places)
-        # A bar between each two holes; the tubes around the holes make its ends round.
+        # Bars between the holes are enough, because the tubes around the holes round the ends of
+        # the beam.
         for start, end in itertools.pairwise(centres):
             bars.append(
                 bar(
@@ -154,7 +156,8 @@ def beam(text: str) -> tuple[tuple[Site, ...], tuple[Solid, ...]]:
         for index, (kind, centre) in enumerate(zip(kinds, centres, strict=True)):
             if kind == "-":
                 continue
-            # A cross lies along its beam: towards the hole before it, of the first one the next.
+            # The cross of a hole lies along its beam: towards the hole before it, or for the first
+            # hole towards the next.
             neighbour = index - 1 if index else min(1, len(centres) - 1)
             arm = np.array(centre) - np.array(centres[neighbour])
             arm /= max(float(np.linalg.norm(arm)), 1e-9)
@@ -165,7 +168,7 @@ def beam(text: str) -> tuple[tuple[Site, ...], tuple[Solid, ...]]:
                 thickness,
                 arm=triple(arm),
             )
-            # Of chains that meet, the first one says how the cross lies.
+            # Where chains meet, the first one decides how the cross lies.
             found.setdefault(centre, hole)
     holes = tuple(found.values())
     return holes, (*bars, *_tubes(holes))

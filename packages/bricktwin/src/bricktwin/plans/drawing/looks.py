@@ -27,33 +27,31 @@ from bricktwin.plans.geometry import (
 )
 from bricktwin.plans.part import HOLE_RADIUS, Fit, Gear, GearForm, Part, Site
 
-# Sizes of parts, LDU.
 _STUD_RADIUS = 6.0
 _PIN_RADIUS = 6.0
 _BORE_RADIUS = 4.0
-"""The inside of a hollow pin."""
+"""Radius of the inside of a hollow pin."""
 _COLLAR_RADIUS = 7.8
 _COLLAR_WIDTH = 2.4
 _SLIT = (1.3, 9.0, 8.0)
 """Half sizes of the slit in an end of a pin: its width, across the pin, and into it."""
 _RECESS_RADIUS = 8.0
-"""The wider ends of a pin hole, into which a pin's collar goes."""
+"""Radius of the wider ends of a pin hole, into which a pin's collar goes."""
 _RECESS_DEPTH = 2.0
 _BLADE = (6.0, 2.2)
 """Half length and half width of an axle's blade."""
 _CROSS = (6.2, 2.4)
-"""The same of the cross that it goes into."""
+"""Half length and half width of the arms of the cross that the blade goes into."""
 _TOOTH_HEIGHT = 2.2
 """Height of teeth above the pitch circle."""
 _TOOTH_DEPTH = 2.8
-"""The same below it."""
+"""Depth of teeth below the pitch circle."""
 _RUBBER = 0.4
 """Rings of a wheel that are wider than this share of its diameter are its tyre."""
 _MIN_TYRE_MM = 50.0
 """Wheels up to this diameter are of one material."""
 _PLAIN_GEARS = (GearForm.RACK, GearForm.WORM)
 """Gears whose teeth do not stand in a circle; they are drawn by their solids alone."""
-# The beginning of a cable, LDU.
 _CABLE_RADIUS = 5.0
 _CABLE_LENGTH = 14.0
 
@@ -94,16 +92,17 @@ class Piece:
 
 @functools.lru_cache(maxsize=1024)
 def look_of(part: Part) -> tuple[Piece, ...]:
-    """The pieces of a part."""
+    """The pieces that a part is drawn with."""
     drawn = _drawn_looks().get(part.number, ())
-    # A drawing in the part's own colour stands for all of its solids; one in other colours only
-    # adds details to them.
+    # A drawing in the part's own colour replaces all of its solids; one in other colours only adds
+    # details to them.
     is_whole = any(piece.tint is Tint.MAIN for piece in drawn)
     pieces = [*drawn]
     if not is_whole:
         pieces = [*_solids(part), *drawn]
     pieces += [Piece(solid, Tint.TURNING) for solid in part.turning]
-    # The order is part of the drawing: of two surfaces in one place, the earlier one is seen.
+    # The order of what follows is part of the drawing, because where two surfaces coincide the
+    # earlier piece is seen.
     for site in part.sites:
         if site.fit is Fit.STUD:
             pieces.append(
@@ -132,7 +131,8 @@ def look_of(part: Part) -> tuple[Piece, ...]:
 
 
 def _bored(piece: Piece, holes: list[Solid]) -> Piece:
-    """A piece with the holes cut out of it that it has to do with: each cut costs rays."""
+    """A piece with holes cut out of it. Holes that do not meet it are left out, because each cut
+    costs rays."""
     near = [hole for hole in holes if solids_meet(piece.solid, hole)]
     return Piece(piece.solid, piece.tint, (*piece.cuts, *near))
 
@@ -147,7 +147,7 @@ def _drawn_looks() -> dict[str, tuple[Piece, ...]]:
         pieces = tuple(
             Piece(solid, tint, _cuts(number, notches)) for number, solid in enumerate(solids)
         )
-        # A row is for several parts, and a part has a row for each of its materials.
+        # A row may serve several parts, and a part has a row for each of its materials.
         for part in row["numbers"].split():
             looks[part] = (*looks.get(part, ()), *pieces)
     return looks
@@ -169,7 +169,8 @@ def _solids(part: Part) -> Iterator[Piece]:
     rubber_radius = _rubber_radius(part)
     for number, solid in enumerate(part.solids):
         cuts = _cuts(number, part.notches)
-        # The first solid of a gear reaches to the tips of its teeth.
+        # The first solid of a gear is a disc that reaches to the tips of its teeth, so it is drawn
+        # smaller here and `_teeth` adds the teeth.
         is_toothed = part.family == "gears" and number == 0
         if is_toothed and part.gears[0].form not in _PLAIN_GEARS:
             root = min(solid.half[0], _root(part.gears[0]))
@@ -199,7 +200,7 @@ def _rubber_radius(part: Part) -> float:
 
 
 def _cuts(number: int, notches: tuple[tuple[int, Solid], ...]) -> tuple[Solid, ...]:
-    # A notch is cut out of the solids that stand before it in its row.
+    # In its row of the table, a notch cuts only the solids that stand before it.
     return tuple(notch for count, notch in notches if number < count)
 
 
@@ -242,7 +243,7 @@ def _hole(site: Site) -> list[Solid]:
     """The empty space of a hole."""
     if site.fit is Fit.AXLE_HOLE:
         return _cross(site, *_CROSS, site.length + 1.0)
-    # Longer than the hole, so that no film of material is left at its ends.
+    # The bore is longer than the hole, so that no film of material is left at its ends.
     length = site.length + 1.0
     bore = cylinder(
         site.centre,
@@ -251,7 +252,7 @@ def _hole(site: Site) -> list[Solid]:
         HOLE_RADIUS,
     )
     depth = _RECESS_DEPTH + 0.5
-    # In a thin part the two recesses would leave nothing between them.
+    # In a thin part, two recesses would leave nothing between them.
     if site.length <= 3 * depth:
         return [bore]
     recesses = []
@@ -337,11 +338,12 @@ def _teeth(part: Part) -> Iterator[Solid]:
         width = min(gear.width, 2 * part.solids[0].half[2])
     root = _root(gear)
     tip = gear.pitch_radius + _TOOTH_HEIGHT
-    # The teeth of a crown gear stand on its rim, along the axis.
+    # The teeth of a crown gear point along the axis, so they stand on its rim and not beyond it.
     if gear.form is GearForm.CROWN:
         root = part.solids[0].half[0] - _TOOTH_HEIGHT - _TOOTH_DEPTH
         tip = part.solids[0].half[0]
-    # A gear's own solid ends below its teeth (`_solids`); parts of other families keep theirs.
+    # `_solids` draws a gear only up to below its teeth, so the ring under them is added; parts of
+    # other families keep theirs.
     if part.family == "gears":
         yield ring(
             gear.centre,
@@ -351,10 +353,10 @@ def _teeth(part: Part) -> Iterator[Solid]:
             max(root - 4.0, 5.0),
         )
     first, second, axis = (np.array(direction) for direction in frame_of(gear.axis))
-    # A tooth begins a little below its root, so that there is no gap to the ring.
+    # Each tooth begins a little below its root, so that there is no gap to the ring.
     half_height = (tip - root + 1.0) / 2
-    # The pitch is 2 pi times 1.25 LDU for gears of any size; a tooth is a little less than half of
-    # it, and the gap between two a little more.
+    # Gears of any size have a pitch of 2 pi times 1.25 LDU. A tooth fills a little less than half
+    # of it, so that meshing teeth fit into the gaps.
     half_thickness = 0.23 * 2 * math.pi * 1.25
     half = (half_height, half_thickness, width / 2)
     for tooth in range(gear.teeth):
@@ -371,7 +373,8 @@ def _cable(part: Part) -> Iterator[Piece]:
         return
     plug = np.array(part.device.plug)
     low, high = part.bounds
-    # Where the exit is in the bounding box, -0.5..0.5 along each axis.
+    # The place of the exit in the bounding box is -0.5..0.5 along each axis, so the axis with the
+    # largest is that of the nearest side.
     exit_place = (plug - (low + high) / 2) / (high - low)
     axis = int(np.argmax(np.abs(exit_place)))
     direction = triple(np.sign(exit_place[axis]) * np.eye(3)[axis])

@@ -62,7 +62,7 @@ def colour_name(rgba: Iterable[float]) -> str:
     """Name ``"#rrggbbaa"`` of a colour, from red, green, blue and opacity in 0..1; opaque by
     default."""
     digits = "".join(f"{round(255 * value):02x}" for value in rgba)
-    # Opaque is "ff": what is missing of eight digits is filled with it.
+    # Opaque is "ff", which fills up a colour that was given without its opacity.
     return "#" + digits.ljust(8, "f")
 
 
@@ -83,8 +83,8 @@ COLOURS: dict[str, tuple[float, float, float]] = {
     "red": (0.85, 0.03, 0.03),
 }
 GLOWING = {"glow", "azure"}
-"""Colours of what emits light."""
-# The picture that a hub shows when it is switched on, a mark a lamp.
+"""Names of the colours that emit light."""
+# A hub shows this heart when it is switched on; each mark is a lamp.
 _HEART = (".#.#.", "#####", "#####", ".###.", "..#..")
 
 
@@ -93,7 +93,8 @@ def beam(holes: int, colour: str) -> Piece:
     length = holes * MODULE
     bar = extruded(rounded_rectangle(length - 0.2, 7.6, 3.2), 7.4, bevel=0.5)
     centres = [(index - (holes - 1) / 2) * MODULE for index in range(holes)]
-    # A hole is drawn as its two ends, dark, a little outside of the beam so that they are seen.
+    # Only the two ends of a hole are drawn, as dark discs a little outside of the beam, where
+    # nothing hides them.
     holes_shown = [discs(_HOLE_RADIUS, 7.5).at(x, 0, 0) for x in centres]
     return Piece(((colour, bar), ("dim", merge(holes_shown))))
 
@@ -103,13 +104,12 @@ def hub() -> Piece:
     upper = box(88, 56, 22, radius=2.5).at(0, 0, 5)
     lower = box(86, 54.5, 11, radius=1.5).at(0, 0, -10.5)
     lit, unlit = _lamps()
-    # What stands on the upper face.
     window = extruded(rounded_rectangle(33, 33, 3), 0.8).at(17, 0, 16)
     button = cylinder(6.6, 2.0, bevel=0.6).at(-20, 0, 16.4)
     light = ring(9.4, 6.6, 1.2).at(-20, 0, 16.1)
     steering = [box(9, 7, 1.4, radius=0.5).at(-20, side * 17, 16.1) for side in (1, -1)]
     bluetooth = cylinder(3.4, 1.2, bevel=0.4).at(36, -20, 16.2)
-    # What is in the sides: three ports on each of the long ones.
+    # These lie in the sides of the hub, with three ports on each of the long ones.
     port = box(15, 1.2, 8.5, radius=0.5, arc=1)
     ports = [port.at(x, y, 5) for x in (26, 0, -26) for y in (27.8, -27.8)]
     usb = box(1.2, 9, 3.6, radius=0.5, arc=1).at(43.8, 0, 5)
@@ -134,7 +134,8 @@ def _lamps() -> tuple[list[Shape], list[Shape]]:
     lamp = block(4.8, 4.8, 1.0)
     for row, line in enumerate(_HEART):
         for column, mark in enumerate(line):
-            # The matrix is read with the USB port up: rows go down along -x, columns along -y.
+            # The matrix is read with the USB port up, so its rows go down along -x and its columns
+            # along -y.
             placed = lamp.at(17 + (2 - row) * 6, (2 - column) * 6, 16.2)
             if mark == "#":
                 lit.append(placed)
@@ -177,8 +178,8 @@ def wheel(diameter: float) -> Piece:
     """A wheel with a black tyre on a light six-spoked rim, axis along y, centred."""
     outer = diameter / 2
     inner = diameter / 2 - 7.5
-    # The tyre's profile, (radius, z) from its upper inner edge outwards; the lower half mirrors it,
-    # and the first point closes it.
+    # The profile of the tyre is (radius, z) from its upper inner edge outwards. The lower half
+    # mirrors the upper one, and the first point closes it.
     upper = [(inner, 6.2), (outer - 3.4, 7.0), (outer - 1.0, 5.6), (outer - 0.3, 3.0)]
     lower = [(radius, -z) for radius, z in reversed(upper)]
     tyre = turned([*upper, *lower, upper[0]])
@@ -188,7 +189,7 @@ def wheel(diameter: float) -> Piece:
     hub_cap = cylinder(6.4, 13, bevel=0.8)
     spoke = box(inner - 5, 4.2, 9.4, radius=0.8).at((inner + 3) / 2, 0, 0)
     spokes = [spoke.turned(Z_AXIS, 60 * step) for step in range(6)]
-    # Drawn about z, as `turned` and `ring` are, and laid down at the end.
+    # `turned` and `ring` draw about z, so everything is laid down here at the end.
     return piece(
         black=merge([tyre, *treads]).along(Y_AXIS),
         light_grey=merge([rim, hub_cap, *spokes]).along(Y_AXIS),
@@ -200,7 +201,6 @@ def ultrasonic_sensor() -> Piece:
     """Ultrasonic sensor facing +x, 24 x 56 x 24, centred."""
     case = box(20, 56, 23.6, radius=2.0).at(-2, 0, 0)
     face = extruded(rounded_rectangle(22.5, 55, 10.5), 4, bevel=0.8).along(X_AXIS).at(9.6, 0, 0)
-    # Its two eyes: one sends, the other one listens.
     rim = ring(10.2, 7.8, 3.4).along(X_AXIS)
     membrane = turned([(0, 1.6), (3.5, 1.2), (7.8, 0), (7.8, -1), (0, -1)]).along(X_AXIS)
     pupil = cylinder(2.6, 1.0, bevel=0.3).along(X_AXIS)
@@ -220,8 +220,8 @@ def ball_caster(radius: float) -> Piece:
     angles = [math.radians(step) for step in range(0, 181, 20)]
     ball = turned([(radius * math.sin(angle), radius * math.cos(angle)) for angle in angles])
     wall = radius + 3.4
-    # From the top outwards and down to the rim, which holds the ball below its equator; then up
-    # inside of it.
+    # The profile runs from the top outwards and down to the rim, which holds the ball below its
+    # equator, and then up on the inside.
     profile = [(0, 16), (10, 16), (wall, 11), (wall, 1), (radius + 2, -1.5), (radius, -1.5), (0, 4)]
     socket = turned(profile)
     return piece(light_grey=ball, dark_grey=socket)

@@ -20,9 +20,9 @@ from bricktwin.plans.part import DeviceKind, Part
 from bricktwin.plans.plan import Placed, Plan
 
 _CLEARANCE = 0.5
-"""LDU: 0.1 mm on each side of a part."""
+"""Clearance between two parts (LDU), which is 0.1 mm on each side."""
 _BEND = 80.0
-"""LDU: how far a cable's curve is pulled away from its ends."""
+"""Distance by which a cable's curve is pulled away from its ends, LDU."""
 _SPOKED_MM = 40.0
 """Diameter from which a wheel is drawn with spokes."""
 _DETAILED: dict[str, tuple[Callable[[], Piece], tuple[int, int, int]]] = {
@@ -30,10 +30,10 @@ _DETAILED: dict[str, tuple[Callable[[], Piece], tuple[int, int, int]]] = {
     "spike-medium": (pieces.medium_motor_case, (-3, -2, -1)),
     "UltrasonicSensor": (pieces.ultrasonic_sensor, (-3, 1, -2)),
 }
-"""Our drawings of electric parts, and the signed axes of the catalogue's parts that are x, y and z
-there (1 is a part's x)."""
+"""Our drawings of electric parts, each with the signed axes of the catalogue's part that are x, y
+and z in the drawing (1 is the part's x)."""
 _WHEEL_AXES = (-1, -3, -2)
-"""The same of a wheel."""
+"""Signed axes of a wheel in the catalogue that are x, y and z in our drawing."""
 
 
 def looks_of(
@@ -59,7 +59,8 @@ def looks_of(
     placed_parts = [plan.parts[part] for part in parts]
     motors = [plan.parts[motor] for motor in shafts]
     shapes: list[tuple[str, Shape]] = []
-    # The shapes of a library are not those of our solids, which say what hides what.
+    # Our solids decide what hides what, which would be wrong for the shapes of an installed
+    # library.
     can_hide = ldraw_library.folder() is None
     for placed in placed_parts:
         near = _touching(placed, placed_parts) if can_hide else []
@@ -70,7 +71,7 @@ def looks_of(
             shift_mm,
             only_turning=False,
         )
-    # A shaft turns: what hides it now will not hide it later.
+    # A shaft turns, so what hides it now will not hide it later.
     for motor in motors:
         shapes += _moved(
             motor,
@@ -95,7 +96,8 @@ def _moved(
     turn = frame @ placed.rotation
     for colour, shape in _shapes(placed, only_turning=only_turning):
         visible = _uncovered(placed, shape, others)
-        # LDU in the plan's directions, then mm from the body's origin [n, 3].
+        # Points [n, 3] are turned into the body's axes in LDU, and then counted from the body's
+        # origin in mm.
         points = (visible.points @ turn.T + frame @ placed.position) * MM_PER_LDU - shift_mm
         if len(visible.faces):
             yield colour, Shape(points, visible.normals @ turn.T, visible.faces)
@@ -117,8 +119,8 @@ def _uncovered(
     shape: Shape,
     others: list[Placed],
 ) -> Shape:
-    """A shape of a part without the triangles that other parts hide, which have material just
-    outside."""
+    """A shape of a part without the triangles that other parts hide: those with material just
+    outside of them."""
     samples = offset_points(placed.to_plan(shape.points)[shape.faces], _CLEARANCE)
     covered = np.zeros(samples.shape[:2], dtype=bool)
     flat_samples = samples.reshape(-1, 3)
@@ -127,9 +129,9 @@ def _uncovered(
         for solid in other.part.solids:
             is_inside = solid.contains(points, 0.0)
             covered |= is_inside.reshape(covered.shape)
-    # Only a triangle that is hidden at all of its samples goes.
+    # A triangle is removed only if all of its samples are hidden.
     visible = shape.faces[~covered.all(axis=1)]
-    # Points that no triangle uses any more go too, and the indices are those of what is left.
+    # The points that no triangle uses any more are removed too, and the faces are numbered anew.
     used, numbers = np.unique(visible, return_inverse=True)
     faces = numbers.reshape(visible.shape).astype(np.int32)
     return Shape(shape.points[used], shape.normals[used], faces)
@@ -138,8 +140,8 @@ def _uncovered(
 def _shapes(placed: Placed, *, only_turning: bool) -> list[tuple[str, Shape]]:
     """Coloured shapes of a part in its frame, in LDraw units."""
     main = colour_of(placed.colour).rgb
-    # The best drawing first: a library that is installed, then ours in detail, then the catalogue.
-    # Only the catalogue knows which of a motor's solids turn.
+    # The best drawing is tried first: an installed library, then ours in detail, then the
+    # catalogue. Only the catalogue knows which of a motor's solids turn.
     root = ldraw_library.folder()
     if root is not None and not only_turning:
         from_library = _of_library(placed.part, root)
@@ -153,7 +155,8 @@ def _shapes(placed: Placed, *, only_turning: bool) -> list[tuple[str, Shape]]:
     is_motor = device is not None and device.kind is DeviceKind.MOTOR
     shown = []
     for tint, shape in _of_catalogue(placed.part).items():
-        # A motor is drawn in two: its case on one body, its output on another.
+        # The case and the output of a motor are on different bodies, so each is drawn without the
+        # other.
         is_drawn = not is_motor or only_turning is (tint is Tint.TURNING)
         if is_drawn:
             shown.append((colour_name(TINTS.get(tint, main)), shape))
@@ -165,7 +168,8 @@ def _of_catalogue(part: Part) -> dict[Tint, Shape]:
     """Our shapes of a part."""
     surface = surface_of(part)
     low, high = part.bounds
-    # Smaller by the clearance between parts, so that no two surfaces coincide.
+    # The part is smaller by the clearance between parts, so that no two surfaces coincide and
+    # flicker.
     scale = 1.0 - _CLEARANCE / np.maximum(high - low, 10.0)
     triangles = surface.triangles * scale
     shapes = {}
@@ -194,11 +198,13 @@ def _detailed(part: Part) -> list[tuple[str, Shape]]:
     points = all_points_mm @ turn / MM_PER_LDU
     low, high = part.bounds
     if device:
-        # It is drawn without what turns: its case, which is its first solid, is what must fit.
+        # The drawing leaves out what turns, so it is fitted to the case alone, which is the first
+        # solid.
         case = part.solids[0].corners()
         low = case.min(axis=0)
         high = case.max(axis=0)
-    # Middle on middle: the drawing and the catalogue have origins of their own.
+    # The origins of the drawing and of the catalogue differ, so their middles are laid on each
+    # other.
     shift = (low + high - points.min(axis=0) - points.max(axis=0)) / 2
     placed = []
     for colour, shape in drawing.shapes:
@@ -212,7 +218,7 @@ def _rotation_to_drawing(axes: tuple[int, int, int]) -> Floats:
     part."""
     turn = np.zeros((3, 3))
     for row, axis in enumerate(axes):
-        # Numbered from 1, as there is no -0.
+        # Axes are numbered from 1, because 0 has no sign that could say a direction.
         turn[row, abs(axis) - 1] = np.sign(axis)
     return turn
 
@@ -221,7 +227,7 @@ def _rotation_to_drawing(axes: tuple[int, int, int]) -> Floats:
 def _of_library(part: Part, root: Path) -> tuple[tuple[str, Shape], ...]:
     """Shapes of a part in an LDraw library by colour, "" for its main colour; empty if it has
     none."""
-    # A part may have another number in the library than here.
+    # The library may know a part by another number than this catalogue.
     by_colour: ldraw_library.Triangles = {}
     for number in (part.number, *part.aliases):
         by_colour = ldraw_library.triangles_of(root, f"{number}.dat")
@@ -257,8 +263,8 @@ def cables_of(
             continue
         socket = np.array(sockets[placed.port])
         plug = np.array(placed.electric.plug)
-        # A Bezier curve leaves both of its ends straight: out of the hub's side, and out of the
-        # device's back.
+        # A Bezier curve leaves both of its ends straight, which lets a cable come straight out of
+        # the hub's side and of the device's back.
         outward = np.sign(socket) * [_BEND, 0.0, 0.0]
         back = np.sign(plug) * [0.0, 0.0, _BEND]
         at_hub = hub.to_plan(np.stack([socket, socket + outward]))

@@ -23,9 +23,10 @@ from bricktwin.plans.mechanism.kinematics import (
 )
 
 _BALANCED_KG_M = 1.2e-5
-"""12 g, 1 mm off the axis: 0.1 Nmm, 1/200 of a motor's friction."""
+"""Largest imbalance of a shaft that becomes visual: 12 g, 1 mm off its axis, which is a torque of
+0.1 Nmm, 1/200 of a motor's friction."""
 _ROD_KG = 0.010
-"""Heavier links are separate bodies."""
+"""Largest mass of a link that becomes a rod; heavier ones are bodies of their own."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,13 +141,14 @@ class _Simplifier:
         self.mechanism = mechanism
         self.trains = trains
         self.merged_into = np.arange(len(mechanism.links))
-        """For each link, the one that it has been merged into; itself, if it has not."""
+        """For each link, the one that it has been merged into, or itself."""
         self.hinges = dict(enumerate(mechanism.hinges))
         self.followers: list[tuple[int, Hinge, str, float]] = []
         self.rods: list[tuple[int, Hinge, Hinge]] = []
         self.armature: dict[str, float] = {}
         self.coupled = {number for train in trains for number in train.hinges}
-        # Wheels, hub, sensors and the base stay bodies of their own, however light.
+        # Wheels, hub, sensors and the base stay bodies of their own, however light they are,
+        # because the twin gives them contacts and senses.
         self.preserved = {wheel.link for wheel in mechanism.wheels} | set(mechanism.devices)
         self.preserved.add(mechanism.fixed or 0)
 
@@ -156,7 +158,7 @@ class _Simplifier:
         other: int,
     ) -> None:
         """Merge a link into another one."""
-        # With all that has been merged into it before.
+        # Everything that was merged into this link before goes with it.
         self.merged_into[self.merged_into == link] = self.merged_into[other]
 
     def _hinges_of(self, link: int) -> list[int]:
@@ -170,13 +172,14 @@ class _Simplifier:
             self.armature[train.port] = 0.0
             for number, ratio in train.others:
                 hinge = self.mechanism.hinges[number]
-                # The one of its two links that hangs on nothing else.
+                # The shaft is the link of the two that hangs on nothing else; the other one carries
+                # it.
                 is_child = len(self._hinges_of(hinge.child)) == 1
                 link = hinge.child
                 carrier = hinge.parent
                 if not is_child:
                     link, carrier = carrier, link
-                # A train may end with a shaft that carries something: that one is a real joint.
+                # A train may end in a shaft that carries something, which is a real joint.
                 is_alone = len(self._hinges_of(link)) == 1 and link not in self.preserved
                 if not is_alone or hinge is output:
                     continue
@@ -209,11 +212,13 @@ class _Simplifier:
             ):
                 self._merge(link, self._other_end(hinges[0], link))
                 del self.hinges[numbers[0]]
-        # Two links have one hinge about an axis: of several, one that a motor turns, or the first.
+        # Merging may leave two links with several hinges about one axis. One of them is kept: one
+        # that a motor turns, or else the first.
         for number, hinge in list(self.hinges.items()):
             ends = set(self._ends(hinge))
             for other, earlier in self.hinges.items():
-                is_within = len(ends) == 1  # both of its links are one by now
+                # Merging may have made the two links of a hinge one.
+                is_within = len(ends) == 1
                 is_same = set(self._ends(earlier)) == ends and share_axis(earlier, hinge)
                 is_first = other in self.coupled or other < number
                 if is_within or (is_same and other != number and is_first):
@@ -242,7 +247,8 @@ class _Simplifier:
             is_parallel = sine < 0.02 and not share_axis(first, second)
             is_between_balls = first.is_ball and second.is_ball
             is_between_pins = is_parallel and not first.is_ball and not second.is_ball
-            # Only in a loop does it do nothing but keep a distance.
+            # A link between two such ends only keeps a distance if it is part of a loop; elsewhere
+            # it swings.
             if (is_between_balls or is_between_pins) and self._is_in_loop(link, numbers):
                 self.rods.append((link, first, second))
                 for number in numbers:
@@ -278,13 +284,14 @@ class _Simplifier:
         mechanism = self.mechanism
         base = int(self.merged_into[mechanism.fixed or 0])
         order, tree, loops = self._tree(base)
-        # Links that were merged into a body are on it too; what is not connected is on none.
+        # A merged link is on the body that it was merged into; a link that is not connected is on
+        # none.
         body_of: dict[int, int] = {}
         for link, root in enumerate(self.merged_into.tolist()):
             if root in order:
                 body_of[link] = order.index(root)
         joints = {number: _joint(self.hinges[number], body_of) for number in (*tree, *loops)}
-        # Seen from outside, a clockwise turn is against the shaft's direction.
+        # A shaft's axis points outwards, so clockwise, seen from outside, is negative about it.
         flipped = {number: replace(joint, axis=-joint.axis) for number, joint in joints.items()}
         drives = []
         geared = []
@@ -301,7 +308,7 @@ class _Simplifier:
                 )
             )
             for number, ratio in train.others:
-                # Those that are no joints any more have become followers.
+                # Hinges that are no joints any more have become followers.
                 if number in joints:
                     geared.append(Geared(train.port, flipped[number], ratio / train.ratio))
         followers = []
@@ -345,8 +352,8 @@ class _Simplifier:
         link that it adds; and the hinges that close loops."""
         order = [base]
         tree: list[int] = []
-        # A motor turns a joint of the tree; what closes a loop is a constraint, which nothing can
-        # turn. So geared joints come first.
+        # A motor can only turn a joint of the tree, because what closes a loop is a constraint. So
+        # geared hinges are taken into the tree first.
         remaining = sorted(self.hinges, key=lambda number: number not in self.coupled)
         while remaining:
             number = self._next_hinge(remaining, order)
@@ -356,7 +363,7 @@ class _Simplifier:
             ends = self._ends(self.hinges[number])
             order.append(next(link for link in ends if link not in order))
             tree.append(number)
-        # Hinges of what is not connected to the base remain as well, and are left out.
+        # Hinges of what is not connected to the base remain too, but are no loops.
         loops = [
             number for number in remaining if set(self._ends(self.hinges[number])) <= set(order)
         ]
@@ -413,7 +420,7 @@ def _rod(
     number: int,
     body_of: dict[int, int],
 ) -> Rod:
-    """A link as a rod; two pins are moved to the plane of the first one."""
+    """A link as a rod. Of two pins, the second is moved into the plane of the first one."""
     near = first.parent if first.child == number else first.child
     far = second.parent if second.child == number else second.child
     shift = 0.0

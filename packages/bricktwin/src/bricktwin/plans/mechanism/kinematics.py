@@ -22,13 +22,13 @@ from bricktwin.plans.plan import Placed, Plan
 TO_TWIN = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 """Rotation from a plan's frame to the twin's."""
 _SPACING = 2.5
-"""LDU: minimum spacing of the points that carry a part's mass."""
+"""Least spacing of the points that carry a part's mass, LDU."""
 _MAX_POINTS = 30_000
-"""The same points' number, about, for a large part."""
+"""Number of these points, roughly, for a large part."""
 _MIN_RATIO = 1e-4
-"""A hinge that turns less per turn of a motor is not driven by it."""
+"""Least turns of a hinge for a turn of a motor that drives it."""
 _COAXIAL_M = 0.001
-# Estimates for a motor's shaft with nothing on it.
+# These are estimates for the shaft of a motor with nothing on it.
 _SHAFT_KG = 0.002
 _SHAFT_RADIUS_M = 0.01
 
@@ -121,7 +121,7 @@ def mechanism(plan: Plan, bodies: Bodies) -> Mechanism:
     link_of = {part: number for number, parts in enumerate(members) for part in parts}
     links = []
     for parts, rotors in zip(members, bodies.rotors, strict=True):
-        # A body without parts is a rotor that nothing is put on.
+        # A body without parts is the rotor of a motor that carries nothing.
         if parts:
             links.append(merged([_part_link(plan.parts[part]) for part in parts]))
         else:
@@ -132,11 +132,14 @@ def mechanism(plan: Plan, bodies: Bodies) -> Mechanism:
     ports = tuple(plan.parts[joint.motor].port or "" for joint in motors if joint.motor is not None)
     ratios = np.zeros((len(ordered), len(motors)))
     if ratios.size:
-        # Rates of the hinges [hinges, motions] = ratios @ rates of the shafts [motors, motions].
+        # The rates of the hinges [hinges, motions] are `ratios` times the rates of the shafts
+        # [motors, motions]. The pseudo-inverse solves that also where motors and motions differ in
+        # number.
         rates = np.stack([joint.rates(motions, hinge.parent) for joint, hinge in ordered])
         shaft_rates = np.stack([joint.rates(motions) for joint in motors])
-        ratios += np.round(rates @ np.linalg.pinv(shaft_rates), 6)
-    # Parts of bodies that are not connected to the heaviest one have no link.
+        solved = rates @ np.linalg.pinv(shaft_rates)  # [hinges, motors]
+        ratios += np.round(solved, 6)
+    # A part that is not connected to the heaviest body has no link.
     connected = [placed for placed in plan.parts if placed.index in link_of]
     wheels = []
     for placed in connected:
@@ -179,15 +182,16 @@ def _hinges(plan: Plan, bodies: Bodies) -> list[tuple[BodyJoint, Hinge]]:
     reached = {root}
     hinges = []
     while remaining:
-        # Hinges to a new link make the tree. Where there are none any more, the next one closes a
-        # loop.
+        # Hinges that reach a new link make the tree first, because only once there is none does a
+        # hinge close a loop.
         open_ends = [edge for edge in remaining if (edge[1] in reached) != (edge[2] in reached)]
         edge = (open_ends or remaining)[0]
         remaining.remove(edge)
         joint, first, second = edge
         parent, child = (first, second) if first in reached else (second, first)
         port = plan.parts[joint.motor].port if joint.motor is not None else None
-        # If a motor is held by its shaft, its case turns; reversing the axis keeps the direction.
+        # A motor that is held by its shaft turns its case. Reversing the axis keeps the direction
+        # of its angle.
         is_held_by_shaft = port is not None and parent != first
         sign = -1.0 if is_held_by_shaft else 1.0
         axis = sign * TO_TWIN @ joint.axis
@@ -207,7 +211,7 @@ def _hinges(plan: Plan, bodies: Bodies) -> list[tuple[BodyJoint, Hinge]]:
 
 
 def _is_same_axis(joint: BodyJoint, other: BodyJoint) -> bool:
-    """Whether two joints between the same two bodies are one hinge; a ball joint is none."""
+    """Whether two joints between the same two bodies are one hinge. A ball joint never is."""
     if joint.is_ball or other.is_ball:
         return False
     return lines_coincide(
@@ -245,9 +249,10 @@ def merged(links: list[Link]) -> Link:
     centre = np.asarray(first_moment / mass)
     inertia = np.zeros((3, 3))
     for link in links:
-        # The parallel axis theorem (Steiner).
+        # The parallel axis theorem (Steiner) moves each inertia to the common centre.
         offset = link.centre_m - centre
-        of_offset = float(offset @ offset) * np.eye(3) - np.outer(offset, offset)
+        squared_distance = float(offset @ offset)
+        of_offset = squared_distance * np.eye(3) - np.outer(offset, offset)
         inertia += link.inertia + link.mass_kg * of_offset
     parts = tuple(part for link in links for part in link.parts)
     return Link(parts, mass, centre, inertia)
@@ -272,12 +277,12 @@ def _unit_inertia(part: Part) -> tuple[Floats, Floats]:
     """Centre [3] in LDU and inertia [3, 3] in m² per kg of a part, in its own frame, from a grid of
     points."""
     low, high = part.bounds
-    # So that a large part does not have millions of points.
+    # The spacing grows with the part, so that a large one does not need millions of points.
     volume = float(np.prod(high - low))
     spacing = max(_SPACING, (volume / _MAX_POINTS) ** (1 / 3))
-    counts = np.clip(np.ceil((high - low) / spacing), 4, 48).astype(int)
+    wanted_counts = np.ceil((high - low) / spacing)
+    counts = np.clip(wanted_counts, 4, 48).astype(int)
     cell = (high - low) / counts
-    # The middles of the cells along each axis.
     lines = [
         start + size * (np.arange(count) + 0.5)
         for start, size, count in zip(low, cell, counts, strict=True)
@@ -287,11 +292,14 @@ def _unit_inertia(part: Part) -> tuple[Floats, Floats]:
     points = points[part.contains(points, 0.0)]
     centre = points.mean(axis=0)
     offset = (points - centre) * M_PER_LDU
-    # Each point is a small box with an inertia of its own.
-    of_cell = np.diag((cell * M_PER_LDU) ** 2 / 12)
-    squares = offset.T @ offset / len(points) + of_cell
-    # From second moments to inertia.
-    return centre, np.asarray(np.trace(squares) * np.eye(3) - squares)
+    # Each point stands for a small box, whose own inertia must not be lost.
+    cell_m = cell * M_PER_LDU
+    of_cell = np.diag(cell_m**2 / 12)
+    of_points = offset.T @ offset / len(points)
+    moments = of_points + of_cell  # [3, 3]
+    # The inertia follows from the second moments S as trace(S) 1 - S.
+    inertia = np.trace(moments) * np.eye(3) - moments
+    return centre, np.asarray(inertia)
 
 
 @dataclass(frozen=True)
@@ -325,7 +333,7 @@ class Train:
         driven = Counter(self.teeth[1::2])
         first = list((driving - driven).elements())
         last = list((driven - driving).elements())
-        # An idler is driven and drives: it does not change the ratio, and is in neither.
+        # An idler is both driven and driving, so it cancels out and leaves the ratio unchanged.
         if len(first) == len(last) == 1:
             return first[0], last[0]
         before = math.prod(first)
@@ -386,13 +394,14 @@ def _train(
     case = shaft.parent
     if not shaft.turns_child:
         rotor, case = case, rotor
-    # The teeth on the way to each link that gears connect with the rotor, by the fewest meshes.
+    # A breadth-first search finds the teeth on the way from the rotor to each link, by the fewest
+    # meshes.
     reached: dict[int, tuple[int, ...]] = {rotor: ()}
     queue = [rotor]
     while queue:
         link = queue.pop(0)
         for other, link_teeth, other_teeth in neighbours[link]:
-            # The case is where the motor pushes against: not a part of its train.
+            # The motor pushes against its case, which is therefore no part of the train.
             if other not in reached and other != case:
                 reached[other] = (*reached[link], link_teeth, other_teeth)
                 queue.append(other)
@@ -402,17 +411,19 @@ def _train(
             ratio = abs(ratios[number])
             is_in_tree = not (hinge.closes_loop or hinge.is_ball)
             is_free = hinge.port is None and is_in_tree and ratio > _MIN_RATIO
-            # A meshing link turns about the axis of its gear; its other hinges belong to a linkage.
+            # Only the axis of its gear tells a geared link's ratio; its other hinges belong to a
+            # linkage.
             is_of_link = bool(teeth) and is_free and link in (hinge.parent, hinge.child)
             if is_of_link and abs(ratio - _ratio(teeth)) < 0.02 * ratio:
                 hinges.setdefault(number, teeth)
 
     def rank(number: int) -> tuple[tuple[bool, float], int, int]:
-        # What carries most, and with equal loads what has the fewest gears, or comes first.
+        # The output is what carries most; among equal loads it has the fewest gears, or comes
+        # first.
         return _weight(mechanism, number), -len(hinges[number]), -number
 
     output = max(hinges, key=rank)
-    # The teeth say the ratio exactly, the motions its sign.
+    # The size of a ratio is taken from the teeth, which are exact, and its sign from the motions.
     exact: dict[int, float] = {}
     for number, teeth in hinges.items():
         exact[number] = math.copysign(_ratio(teeth), ratios[number])

@@ -28,7 +28,7 @@ _WHEEL_KG = 0.018
 """Mass of a wheel of ``_WHEEL_MM``; other wheels are scaled by area."""
 _WHEEL_MM = 56.0
 _HUB_X_MM = -16.0
-"""Place of the hub unless the description says so: behind the axle, towards the caster."""
+"""Default place of the hub: behind the axle, towards the caster."""
 _CLEARANCE_MM = 3.0
 """Least distance of the motors to the floor."""
 _UNKNOWN_HUB: tuple[Triple, float] = ((64.0, 40.0, 32.0), 100.0)
@@ -53,7 +53,8 @@ def driving_robot(robot: Robot, scene: Scene) -> mujoco.MjSpec:
     chassis = spec.worldbody.add_body(name="chassis", pos=[0.0, 0.0, axle_m])
     chassis.add_freejoint(name="root")
 
-    # What has mass or moves. MuJoCo numbers joints and actuators in the order of these calls.
+    # What has mass or moves comes first, because MuJoCo numbers joints and actuators in the order
+    # of these calls.
     frame.add_masses(chassis)
     x_mm, y_mm, z_mm = frame.hub
     hub_m = (x_mm / 1000, y_mm / 1000, z_mm / 1000)
@@ -62,7 +63,7 @@ def driving_robot(robot: Robot, scene: Scene) -> mujoco.MjSpec:
         frame.add_wheel(spec, chassis, motor, side)
     for motor in robot.motors:
         if motor not in frame.driving:
-            # Nobody says what it drives: it turns without load.
+            # The description does not say what this motor drives, so it turns without load.
             at_m = (0.0, 0.0, 0.08)
             mjcf.add_rotor(
                 spec,
@@ -72,7 +73,6 @@ def driving_robot(robot: Robot, scene: Scene) -> mujoco.MjSpec:
                 gear=motor.shaft_turns,
             )
 
-    # Looks, lights and cameras.
     mjcf.add_colours(spec)
     drawn_sensors = [mount_sensor(spec, chassis, sensor, axle_m) for sensor in robot.sensors]
     parts = frame.parts() + drawn_sensors
@@ -118,7 +118,6 @@ class _Frame:
         hub_case = case_of(DeviceKind.HUB, robot.hub.value)
         self.hub_size, self.hub_g = hub_case or _UNKNOWN_HUB
 
-        # The motors lie across, each with its shaft in its wheel.
         _, motor_height, motor_width = self.motor_size
         space = self.half_track - _TYRE_WIDTH_MM / 2
         if self.axle < _CASTER_RADIUS_MM or space < motor_width / 2:
@@ -128,14 +127,15 @@ class _Frame:
                 f"for its motors; give wheels of {2 * _CASTER_RADIUS_MM:g} mm or more and a wider "
                 "axle track"
             )
-        # At the axle's height, but above the floor where wheels are small.
+        # The motors are at the height of the axle, or higher where small wheels would let them
+        # touch the floor.
         half_height = motor_height / 2
         half_width = motor_width / 2
         self.motor_z = max(0.0, half_height + _CLEARANCE_MM - self.axle)
-        # Beside its wheel, without overlapping the other motor.
+        # Each motor is beside its wheel, without overlapping the other motor.
         self.motor_y = max(half_width, space - 8.0 - half_width)
 
-        # The frame of beams lies on the motors, the hub on the frame.
+        # The frame of beams lies on the motors, and the hub on the frame.
         motor_top = self.motor_z + half_height
         self.top = motor_top + 4.0
         hub_x, hub_y = robot.chassis.hub_mm or (_HUB_X_MM, 0.0)
@@ -156,12 +156,14 @@ class _Frame:
             size, mass_g = _motor_case(motor.kind)
             length, height, width = size
             if motor in self.driving:
-                # The shaft, on the axle, is 12 mm behind the front of the case.
+                # The wheels are at the origin, so the case is moved back to have its shaft there,
+                # 12 mm behind its front.
                 middle_x = 12.0 - length / 2
                 middle_y = self.driving[motor] * self.motor_y
                 centre = (middle_x, middle_y, self.motor_z)
             else:
-                # Where other motors are is unknown: above the hub, as an arm would be.
+                # Where other motors sit is unknown. They are drawn above the hub, where an arm
+                # would be.
                 centre = (hub_x, 0.0, hub_z + 30.0)
             mjcf.add_box(
                 chassis,
@@ -219,7 +221,7 @@ class _Frame:
             mass_kg=_WHEEL_KG * diameter_ratio**2,
         )
 
-        # The axle turns with the rotor, the tyre with the wheel: backlash can be seen.
+        # The axle turns with the rotor and the tyre with the wheel, so that backlash can be seen.
         length = self.half_track - self.motor_y
         axle = pieces.axle(max(length, 16.0))
         axle = axle.at(0, -side * length / 2, 0)
@@ -234,14 +236,13 @@ class _Frame:
         for motor, side in self.driving.items():
             drawn = _motor(motor.kind, self.motor_size, side)
             parts.append(drawn.at(0, side * self.motor_y, self.motor_z))
-        # The frame: two beams along, two across.
         for side in (1, -1):
             along = pieces.beam(13, "turquoise").turned(X_AXIS, 90)
             parts.append(along.at(-12, side * 20, self.top))
         for ahead in (20, -52):
             across = pieces.beam(9, "dark_grey").turned(Z_AXIS, 90)
             parts.append(across.at(ahead, 0, self.top))
-        # The caster on its post, which is drawn even where the frame is lower than the caster.
+        # The post is drawn even where the frame is lower than the caster.
         x, y = self.robot.chassis.caster_mm
         height = _CASTER_RADIUS_MM - self.axle
         length = max(self.top - height - 16.0, 8.0)
@@ -259,7 +260,7 @@ class _Frame:
         """Strut from the frame to a sensor."""
         ahead = at_mm[0] - 12.0
         left = at_mm[1]
-        # Mounts are above the floor, the frame's heights above the axle.
+        # Mounts are given from the floor, but the heights of the frame from the axle.
         up = at_mm[2] - self.axle
         length = max(abs(ahead) - 20.0, 8.0)
         height = max(abs(self.top - up) - 8.0, 8.0)
@@ -277,7 +278,7 @@ def _motor_case(kind: MotorKind) -> tuple[Triple, float]:
     one."""
     name = kind.model.like or kind.model.case or kind.value
     case = case_of(DeviceKind.MOTOR, name)
-    # The catalogue has every kind of motor, which a test checks.
+    # A test checks that the catalogue has every kind of motor.
     assert case is not None  # noqa: S101
     return case
 
@@ -311,7 +312,7 @@ def _motor(
     origin."""
     draw_motor = _DRAWINGS.get(kind.model.like or kind.value)
     if draw_motor is not None:
-        # Our drawings have the shaft on the left.
+        # Our drawings have the shaft on the left side, so the right motor is turned.
         motor = draw_motor()
         return motor if side > 0 else motor.turned(X_AXIS, 180)
     length, height, width = size

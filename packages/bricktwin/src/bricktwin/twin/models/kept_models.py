@@ -16,8 +16,8 @@ from bricktwin.robots.planned import plan_file
 from bricktwin.twin.scene import Scene
 
 _SPARSE_FROM_DOFS = 60
-"""Degrees of freedom from which MuJoCo chooses sparse matrices, whose factor is wrong until version
-4.0.1 (its changelog)."""
+"""Number of degrees of freedom from which on MuJoCo chooses sparse matrices, whose factor is wrong
+until version 4.0.1 (its changelog)."""
 
 
 def robot_model(robot: Robot, scene: Scene) -> mujoco.MjModel:
@@ -25,7 +25,7 @@ def robot_model(robot: Robot, scene: Scene) -> mujoco.MjModel:
     ``load_model``, or it does not compile."""
 
     def build() -> mujoco.MjSpec:
-        # Takes longer to import than a kept model to load.
+        # This import takes longer than loading a kept model, so it is done only to make one.
         from bricktwin.twin.models.load import load_model
 
         return load_model(robot, scene)
@@ -38,8 +38,8 @@ def kept_model(
     robots: Sequence[Robot],
     surroundings: object,
 ) -> mujoco.MjModel:
-    """Compiled model, or the equal one of an earlier process. It is not kept if a function of the
-    user makes a robot's model. Raises TwinError if it does not compile.
+    """Compiled model, or the equal one that an earlier process kept. It is not kept if a function
+    of the user makes a robot's model. Raises TwinError if it does not compile.
 
     Args:
         build: makes the model, from these robots and surroundings only.
@@ -63,7 +63,7 @@ def kept_model(
         yield from _library()
 
     model = kept(sources, compiled, _encoded, _decoded)
-    # After loading, so that it holds for models of both origins.
+    # This is set after loading, so that it holds for new models and for kept ones.
     if model.nv >= _SPARSE_FROM_DOFS:
         model.opt.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
     return model
@@ -85,7 +85,7 @@ def _model_sources(robot: Robot) -> Iterator[bytes]:
         paths = sorted(map(Path, mujoco.mju_getXMLDependencies(source)))
     except mujoco.FatalError as error:
         raise UnkeptError(str(error)) from error
-    # By name, not by path: two copies of a model are one.
+    # Names go into the digest and paths do not, so that two copies of a model are one.
     for path in paths:
         yield path.name.encode()
         yield path.read_bytes()
@@ -97,7 +97,8 @@ def _library() -> Iterator[bytes]:
     root = ldraw_library.folder()
     if root is None:
         return
-    # Reading tens of thousands of files would take longer than to build the model.
+    # The folders' times stand for their files: reading tens of thousands of files would take longer
+    # than building the model.
     for name in ("LDConfig.ldr", "parts", "parts/s", "p", "p/48", "p/8"):
         path = root / name
         if path.exists():

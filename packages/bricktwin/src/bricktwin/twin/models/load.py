@@ -23,9 +23,10 @@ import mujoco
 from brickhub.errors import TwinError, message_of
 from brickhub.robot import Motor, Robot, Sense
 from bricktwin.robots.planned import plan_file
+from bricktwin.twin.conventions import LOOKS_GROUP, OBSTACLE_GROUP, motor_name, site_name
 from bricktwin.twin.models import mjcf
 from bricktwin.twin.models.driving_robot import driving_robot
-from bricktwin.twin.models.mounts import add_hub_site, add_touch, hub_axes, site_name
+from bricktwin.twin.models.mounts import add_hub_site, add_touch, hub_axes
 from bricktwin.twin.models.planned_model import from_plan
 from bricktwin.twin.models.scenery import add_objects
 from bricktwin.twin.scene import Scene
@@ -51,10 +52,11 @@ def from_file(
     if base is None:
         raise TwinError(f"{path} has no body; describe the robot's parts as bodies")
     for geom in spec.geoms:
-        if geom.group == mjcf.OBSTACLE_GROUP:
-            # Ultrasound detects this group only, and must not detect the robot itself.
-            geom.group = mjcf.LOOKS_GROUP
-    # Elements are found by the names of the description, and get those that wire them.
+        if geom.group == OBSTACLE_GROUP:
+            # Ultrasound detects only the group of obstacles, and must not detect the robot itself.
+            geom.group = LOOKS_GROUP
+    # Elements of a user's model are found by the names in the description, and get the names by
+    # which they are wired.
     hinges = [joint for joint in spec.joints if joint.type == mujoco.mjtJoint.mjJNT_HINGE]
     for motor in robot.motors:
         joint = _named(
@@ -64,7 +66,7 @@ def from_file(
             path,
             robot,
         )
-        joint.name = f"motor_{motor.port}"
+        joint.name = motor_name(motor.port)
         mjcf.add_motor(
             spec,
             joint,
@@ -175,8 +177,8 @@ def load_model(
     add_objects(spec, scene)
     for motor in robot.motors:
         _set_end_stops(spec, robot, motor)
-    # Pairs are right only where all that touches is known: in a model of ours, with nothing that
-    # another thing may push.
+    # Explicit pairs are right only where everything that touches is known: in a generated model,
+    # with nothing that another thing may push.
     if is_generated and alone and not scene.pushable:
         mjcf.pair_contacts(spec)
     return spec
@@ -191,9 +193,9 @@ def _set_end_stops(
     not start between them."""
     if motor.end_stops_deg is None:
         return
-    joint = spec.joint(f"motor_{motor.port}")
-    actuator = spec.actuator(f"motor_{motor.port}")
-    # From degrees at the output to radians of the joint; a negative gear swaps the ends.
+    joint = spec.joint(motor_name(motor.port))
+    actuator = spec.actuator(motor_name(motor.port))
+    # Degrees at the output become radians of the joint; a negative gear swaps the ends.
     gear = float(actuator.gear[0])
     stops = [math.radians(angle * motor.shaft_turns) / gear for angle in motor.end_stops_deg]
     low, high = sorted(stops)

@@ -1,10 +1,5 @@
 """MJCF elements shared by the models: physics options, LEGO's motors as actuators, floor and wall,
-cameras.
-
-Names define the wiring: the joint and actuator ``motor_E`` belong to port E, the site
-``ultrasonic_C`` to port C. Geom groups: obstacles that ultrasound detects, floor, looks, and the
-robot's collision shapes.
-"""
+cameras. Their names and groups: ``bricktwin.twin.conventions``."""
 
 import math
 from collections.abc import Sequence
@@ -18,18 +13,21 @@ from brickhub.robot import Motor, MotorKind
 from bricktwin.plans.drawing.pieces import COLOURS, GLOWING, Piece
 from bricktwin.plans.drawing.shapes import Shape, merge
 from bricktwin.plans.geometry import Floats, Triple
+from bricktwin.twin.conventions import (
+    BACKLASH,
+    FLOOR_GROUP,
+    LOOKS_GROUP,
+    OBSTACLE_GROUP,
+    SHAPE_GROUP,
+    TIMESTEP_S,
+    motor_name,
+)
 from bricktwin.twin.models.motors import LIMIT_A, motor_constants
-from bricktwin.twin.objects import Block, Field, Lamp, Line, Ramp, Wall
+from bricktwin.twin.objects import Ball, Block, Field, Lamp, Line, Picture, Ramp, Wall
 from bricktwin.twin.scene import Scene
 
-TIMESTEP_S = 0.0025
-"""Time of a physics step."""
 TYRE_FRICTION = 1.0
 """Sliding friction of rubber on a smooth floor; an estimate."""
-OBSTACLE_GROUP = 0
-FLOOR_GROUP = 1
-LOOKS_GROUP = 2
-SHAPE_GROUP = 3
 WALL_X_M = 0.35
 """Position of the wall's face."""
 _TURNTABLE_FRICTION_NM = 0.02
@@ -57,10 +55,10 @@ def set_options(spec: mujoco.MjSpec) -> None:
     """Set the physics options of all twins; the timestep of 2.5 ms divides the hub's control loop
     of 5 ms."""
     spec.option.timestep = TIMESTEP_S
-    # With this integrator and these cones, such a long step is stable.
+    # With this integrator and elliptic cones, a step as long as this is stable.
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
-    # Friction is stiffer than contacts are, or wheels would creep.
+    # Friction is made stiffer than contacts, because wheels would creep otherwise.
     spec.option.impratio = 5.0
 
 
@@ -82,26 +80,27 @@ def add_motor(
     """
     motor = motor_constants(kind)
     actuator = spec.add_actuator(
-        name=f"motor_{port}",
+        name=motor_name(port),
         target=joint.name,
         trntype=mujoco.mjtTrn.mjTRN_JOINT,
     )
-    # Torque of the shaft = torque_nm_v * voltage - drag_nm_s * speed.
+    # MuJoCo's affine actuator is used as a motor: torque = torque_nm_v * voltage - drag_nm_s *
+    # speed.
     actuator.gear[0] = gear
     actuator.gaintype = mujoco.mjtGain.mjGAIN_FIXED
     actuator.biastype = mujoco.mjtBias.mjBIAS_AFFINE
     actuator.gainprm[0] = motor.torque_nm_v
     actuator.biasprm[2] = -motor.drag_nm_s
-    # The hub limits the current, and so the torque.
+    # The hub limits the current, which limits the torque.
     actuator.forcelimited = True
     most_nm = LIMIT_A * motor.torque_nm_a
     actuator.forcerange = [-most_nm, most_nm]
-    # A separate group, so that the body can open this motor's circuit.
+    # Each motor has its own group, so that the body can open the circuit of this motor alone.
     actuator.group = len(spec.actuators) - 1
-    # What the shaft has, the joint feels through the gears.
+    # The joint feels the inertia and the friction of the shaft through the gears.
     joint.armature = motor.inertia_kg_m2 * gear**2
     joint.frictionloss = motor.friction_nm * abs(gear) + train_friction_nm
-    # With MuJoCo's default a joint creeps by 3 degrees per second at torques below its friction.
+    # With MuJoCo's default, a joint creeps by 3 degrees per second at torques below its friction.
     joint.solimp_friction = [0.999, 0.999, 0.001, 0.5, 2.0]
 
 
@@ -160,11 +159,11 @@ def add_rotor(
     :func:`add_motor`."""
     rotor = parent.add_body(name=f"rotor_{motor.port}", pos=list(at_m))
     shaft = rotor.add_joint(
-        name=f"motor_{motor.port}",
+        name=motor_name(motor.port),
         type=mujoco.mjtJoint.mjJNT_HINGE,
         axis=list(axis),
     )
-    # The rotor's own inertia is the joint's armature.
+    # The joint's armature already holds the rotor's inertia, so the body adds almost none.
     rotor.explicitinertial = True
     rotor.mass = 0.002
     rotor.inertia = [1e-7, 1e-7, 1e-7]
@@ -190,9 +189,9 @@ def add_driven(
     """Add a body to a rotor, with backlash; that of a heavy body is softer and more damped."""
     is_turntable = is_heavy and abs(axis[2]) > 0.9
     body = rotor.add_body(name=name)
-    # The range is a placeholder: the physics of the twin sets it.
+    # This range is a placeholder: the twin's physics sets it.
     body.add_joint(
-        name=f"backlash_{port}",
+        name=f"{BACKLASH}{port}",
         type=mujoco.mjtJoint.mjJNT_HINGE,
         axis=list(axis),
         limited=True,
@@ -233,7 +232,7 @@ def add_caster(
 ) -> None:
     """Add a ball caster without friction. (Dry friction of a sliding ball would make the contact
     chatter.)"""
-    # Of one dimension: the contact pushes, and has no friction.
+    # The contact has one dimension, so it pushes without friction.
     body.add_geom(
         name=name,
         type=mujoco.mjtGeom.mjGEOM_SPHERE,
@@ -261,7 +260,7 @@ def add_surroundings(spec: mujoco.MjSpec, scene: Scene) -> None:
     distance_m = 1.1
     if scene.wall_distance_mm is not None:
         _add_wall(world)
-        # Robots start before the wall, at any distance up to what they can measure.
+        # A robot starts before the wall, at any distance up to the largest that it can measure.
         target = (-0.62, 0.1, 0.0)
         distance_m = 1.95
     if scene.objects:
@@ -278,7 +277,7 @@ def add_surroundings(spec: mujoco.MjSpec, scene: Scene) -> None:
 def _add_wall(world: mujoco.MjsBody) -> None:
     """Add the wall ahead of the robot."""
     half_thickness, half_width, half_height = _WALL_HALF_SIZE
-    # Only a hand at the page moves it.
+    # Nothing pushes the wall, but somebody at the page can move a mocap body.
     wall = world.add_body(
         name="wall",
         mocap=True,
@@ -292,7 +291,7 @@ def _add_wall(world: mujoco.MjsBody) -> None:
         mass=0.0,
         **OBSTACLE,
     )
-    # A box stretches its texture over each side; a plane in front of it repeats it.
+    # A box would stretch its texture over each side, so a plane in front of it repeats the texture.
     wall.add_geom(
         type=mujoco.mjtGeom.mjGEOM_PLANE,
         pos=[-half_thickness - 0.0005, 0.0, 0.0],
@@ -315,9 +314,15 @@ def overview_of(scene: Scene) -> tuple[Triple, float]:
                 points_mm += [item.from_mm, item.to_mm]
             case Lamp():
                 points_mm.append(item.at_mm[:2])
-            case Field() | Block() | Ramp():
-                # Whatever its heading: a ramp is on one side of its place, all else around it.
-                reach = item.length_mm if isinstance(item, Ramp) else max(item.size_mm[:2]) / 2
+            case Field() | Picture() | Block() | Ball() | Ramp():
+                # The reach must hold for any heading: a ramp lies on one side of its place,
+                # everything else lies around it.
+                if isinstance(item, Ramp):
+                    reach = item.length_mm
+                elif isinstance(item, Ball):
+                    reach = item.diameter_mm / 2
+                else:
+                    reach = max(item.size_mm[:2]) / 2
                 x_mm, y_mm = item.at_mm
                 points_mm.append((x_mm - reach, y_mm - reach))
                 points_mm.append((x_mm + reach, y_mm + reach))
@@ -342,15 +347,16 @@ def pair_contacts(spec: mujoco.MjSpec) -> None:
         shape.name = shape.name or f"shape_{number}"
         for other in surroundings:
             pair = spec.add_pair(geomname1=other.name, geomname2=shape.name)
-            # MuJoCo's own rule, which a pair has to state: the higher priority decides.
+            # A pair has to state MuJoCo's own rule: the shape with the higher priority decides.
             pair.condim = max(shape.condim, other.condim)
             if shape.priority > other.priority:
                 pair.condim = shape.condim
-            # NaN: MuJoCo derives these from the two geoms, as without an explicit pair.
+            # With NaN, MuJoCo derives these values from the two geoms, as it does without an
+            # explicit pair.
             pair.friction = [math.nan] * 5
             pair.solref = [math.nan] * 2
             pair.solimp = [math.nan] * 5
-    # No bits: without a pair nothing touches.
+    # Without bits only explicit pairs touch.
     for geom in (*surroundings, *shapes):
         geom.contype = 0
         geom.conaffinity = 0
@@ -365,7 +371,8 @@ def add_camera(
 ) -> None:
     """Add a camera that looks at a point of a body's frame from a direction; on a moving body it
     follows without turning."""
-    # Axes of a camera: to the right, up, and away from what it sees; its horizon is level.
+    # MuJoCo's cameras look along -z, so their axes point to the right, up, and away from what they
+    # see. The horizon stays level.
     backward = np.array(direction) / np.linalg.norm(direction)
     right = np.cross((0.0, 0.0, 1.0), backward)
     right /= np.linalg.norm(right)
@@ -399,7 +406,7 @@ def add_webcam(world: mujoco.MjsBody) -> None:
 
 def add_ball(body: mujoco.MjsBody, at_m: Triple) -> None:
     """Add the red ball that a gripper holds."""
-    # It collides with nothing: the gripper holds it, come what may.
+    # The ball collides with nothing, because the gripper holds it come what may.
     body.add_geom(
         name="ball",
         type=mujoco.mjtGeom.mjGEOM_SPHERE,
@@ -415,12 +422,6 @@ def quaternion(axis: Triple | Floats, angle: float) -> list[float]:
     """Quaternion of a rotation about an axis, in radians."""
     imaginary = math.sin(angle / 2) * np.array(axis)
     return [math.cos(angle / 2), *imaginary.tolist()]
-
-
-def yaw_quaternion(angle: float) -> list[float]:
-    """Quaternion of a rotation about the vertical, counter-clockwise seen from above, in
-    radians."""
-    return [math.cos(angle / 2), 0.0, 0.0, math.sin(angle / 2)]
 
 
 def add_light(body: mujoco.MjsBody) -> None:
@@ -509,7 +510,7 @@ def _floor_tile() -> NDArray[np.uint8]:
     line = np.arange(256) % 128 < 1
     tone[line, :] = 186
     tone[:, line] = 186
-    # A little blue.
+    # A little blue keeps the grey from looking warm.
     image = np.stack([tone, tone + 2, tone + 5], axis=-1)
     return image.astype(np.uint8)
 
@@ -518,12 +519,12 @@ def _brick_tile() -> NDArray[np.uint8]:
     """Wall texture of two staggered courses of bricks."""
     rows = np.arange(64)[:, None]
     columns = np.arange(128)[None, :]
-    # Bricks of 64 x 32 pixels; the second course is shifted by half a brick.
+    # Every second course is shifted by half a brick, as in a real wall; bricks are 64 x 32 pixels.
     shift = np.where(rows < 32, 0, 32)
     bed_joint = rows % 32 < 2
     head_joint = (columns + shift) % 64 < 2
     joint = bed_joint | head_joint
-    # Bricks are lighter at one edge, which makes them look raised.
+    # One edge of each brick is lighter, which makes it look raised.
     light = (rows % 32 > 29) & ~joint
     tile = np.empty((64, 128, 3))
     tile[:] = np.array(_BRICK) * 255
@@ -575,7 +576,7 @@ def draw(
         shape = merge(shapes)
         mesh_name = f"{name or body.name}_{colour}"
         points_m = shape.points / 1000
-        # Each point has one normal, so faces have the same numbers for both.
+        # Points have one normal each, so the faces use the same indices for both.
         faces = shape.faces.ravel().tolist()
         spec.add_mesh(
             name=mesh_name,
@@ -583,7 +584,7 @@ def draw(
             usernormal=shape.normals.ravel().tolist(),
             userface=faces,
             userfacenormal=faces,
-            # Drawings may be open, and MuJoCo refuses an open solid.
+            # A drawing may be an open surface, and MuJoCo refuses an open solid.
             inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL,
         )
         body.add_geom(

@@ -50,8 +50,8 @@ class MotorSheet:
         """Free speed (rad/s) and stall torque (Nm) of the straight line that misses the three
         points by the same share: both are ``share`` times the sheet's, and the loaded speed ``2 -
         share`` times."""
-        # On a line with ``share`` times both ends, the speed at the load is ``share * free_rpm -
-        # at_load_rpm``; this is where it is ``2 - share`` times the sheet's.
+        # With both ends times `share`, the line's speed at the load is `share * free_rpm -
+        # at_load_rpm`. Setting that equal to `(2 - share) * loaded_rpm` gives this share.
         at_load_rpm = self.free_rpm * self.load_nm / self.stall_nm
         both_rpm = self.free_rpm + self.loaded_rpm
         share = (2.0 * self.loaded_rpm + at_load_rpm) / both_rpm
@@ -110,7 +110,8 @@ def motor_constants(kind: MotorKind) -> MotorConstants:
     """Constants of a kind of motor: by LEGO's sheet if there is one, else by Pybricks' curve
     (``servo_settings.c`` v4)."""
     model = MOTOR_TYPES[kind].model
-    per_rad = 180.0 / math.pi * 1e-3  # from mdeg and uNm
+    # The firmware counts mdeg and uNm, but here are rad and Nm.
+    per_rad = 180.0 / math.pi * 1e-3
     torque_nm_v = PRESCALE_VOLTAGE / model.torque_by_voltage * 1e-3
     drag_nm_s = PRESCALE_SPEED / model.torque_by_speed * per_rad
     friction_nm = model.friction_unm * 1e-6
@@ -118,7 +119,8 @@ def motor_constants(kind: MotorKind) -> MotorConstants:
     sheet = SHEETS.get(kind.model.like or kind.value)
     if sheet is not None:
         free_rad_s, stall_nm = sheet.line()
-        # A sheet's torque is what the shaft gives: the friction is overcome already.
+        # A sheet gives the torque at the shaft, which is what friction has left over, so the
+        # friction is added.
         torque_nm_v = (stall_nm + friction_nm) / SHEET_V
         drag_nm_s = stall_nm / free_rad_s
         ohm = sheet.ohm
@@ -136,8 +138,7 @@ def _blocked_ohm(kind: MotorKind) -> float:
     """Resistance of a winding by Pybricks' curve: voltage by current in the state in which a torque
     keeps the speed at 0."""
     model = MOTOR_TYPES[kind].model
-    # Contributions of a current (0.1 mA), a voltage (mV) and a torque (uNm) to the next speed and
-    # current.
+    # A current (0.1 mA), a voltage (mV) and a torque (uNm) contribute to the next step as follows:
     # next speed = a * current + b * voltage + c * torque
     a = PRESCALE_CURRENT / model.speed[1]
     b = PRESCALE_VOLTAGE / model.speed[2]
@@ -146,8 +147,10 @@ def _blocked_ohm(kind: MotorKind) -> float:
     d = PRESCALE_CURRENT / model.current[1]
     e = PRESCALE_VOLTAGE / model.current[2]
     f = PRESCALE_TORQUE / model.current[3]
-    # The next speed is 0 and the next current the present one: the torque is eliminated.
+    # At rest the next speed is 0 and the next current equals the present one, which eliminates the
+    # torque.
     by_voltage = e - b * f / c
     by_current = 1.0 - d + a * f / c
     current_per_mv = by_voltage / by_current
-    return 10.0 / current_per_mv  # mV / 0.1 mA is 10 ohm
+    # 1 mV / 0.1 mA is 10 ohm.
+    return 10.0 / current_per_mv

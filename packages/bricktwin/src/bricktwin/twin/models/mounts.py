@@ -15,7 +15,8 @@ from bricktwin.plans.drawing.pieces import Piece, piece
 from bricktwin.plans.drawing.shapes import X_AXIS, Z_AXIS, box, cylinder, ring
 from bricktwin.plans.geometry import MM_PER_LDU, Floats, Triple, triple
 from bricktwin.plans.part import DeviceKind
-from bricktwin.twin.models.mjcf import SHAPE_GROUP, add_box, quaternion
+from bricktwin.twin.conventions import SHAPE_GROUP, site_name
+from bricktwin.twin.models.mjcf import add_box, quaternion
 
 _BUTTON_MM = 8.0
 """Length of a force sensor's button."""
@@ -27,10 +28,7 @@ _MOUNTS = {
     SensorKind.COLOR_DISTANCE: _FACING_FLOOR,
     SensorKind.FORCE: Mount((80.0, 0.0, 30.0)),
 }
-"""Where a sensor of a kind sits unless its description says so; others are in front and look
-ahead."""
-INFRARED_MM = {SensorKind.COLOR_DISTANCE: 100.0, SensorKind.INFRARED: 150.0}
-"""Distances that sensors with infrared light report as 100 %; estimates."""
+"""Default mount of each kind of sensor; others are in front and look ahead."""
 _UNKNOWN_SENSOR: tuple[Triple, float] = ((24.0, 24.0, 24.0), 12.0)
 """Size (mm) and mass (g) of a sensor that is not in the catalogue."""
 
@@ -45,7 +43,7 @@ def case_of(kind: DeviceKind, name: str) -> tuple[Triple, float] | None:
             continue
         if device.kind != kind or device.name != name:
             continue
-        # The first solid of an electric part is its case.
+        # An electric part's first solid is its case.
         sides_mm = [2.0 * MM_PER_LDU * half for half in part.solids[0].half]
         longest, middle, shortest = sorted(sides_mm, reverse=True)
         return (longest, middle, shortest), part.mass_g
@@ -58,7 +56,7 @@ def hub_axes(sides: tuple[str, ...]) -> Floats:
     top_side, front_side = sides
     top = np.array(LOOKS[top_side])
     front = np.array(LOOKS[front_side])
-    # Pybricks' axes of a hub: x to its front, y to its left, z to its top.
+    # Pybricks counts the axes of a hub as x to its front, y to its left and z to its top.
     left = np.cross(top, front)
     return np.column_stack([front, left, top])
 
@@ -84,12 +82,6 @@ def mount_of(sensor: Sensor) -> Mount:
     return sensor.mount or _MOUNTS.get(sensor.kind, _AHEAD)
 
 
-def site_name(sensor: Sensor) -> str:
-    """Name of a sensor's site."""
-    kind = "sensor" if sensor.kind.model.range_mm is None else "ultrasonic"
-    return f"{kind}_{sensor.port}"
-
-
 def mount_sensor(
     spec: mujoco.MjSpec,
     chassis: mujoco.MjsBody,
@@ -100,7 +92,7 @@ def mount_sensor(
     returns the drawn part (mm)."""
     mount = mount_of(sensor)
     ahead, left, up = mount.at_mm
-    # A mount is given from the floor, all else from the chassis' origin.
+    # A mount is given from the floor, but everything else here from the origin of the chassis.
     above_axle = up - axle_m * 1000.0
     eye = np.array([ahead, left, above_axle])
     gaze = np.array(LOOKS[mount.looks])
@@ -117,7 +109,8 @@ def mount_sensor(
     )
 
     if Sense.FORCE in sensor.kind.model.senses:
-        # What touches the button must not touch the case, whose contacts nothing measures.
+        # What touches the button must not touch the case as well, because no sensor measures the
+        # contacts of the case.
         button_middle = eye - gaze * _BUTTON_MM / 2
         button_size = (_BUTTON_MM, 16.0, 16.0)
         half_length = max(size) / 2
@@ -141,7 +134,7 @@ def mount_sensor(
         drawing = _force_sensor(size)
         return drawing.turned(axis, angle_deg).at(*eye.tolist())
 
-    # Other sensors look out of one of their large sides.
+    # Other sensors look out of one of their large sides, so the shortest side lies along the gaze.
     depth = min(size)
     middle = eye - gaze * depth / 2
     is_sonar = sensor.kind.model.range_mm is not None
@@ -168,7 +161,8 @@ def add_sensor_site(
     the contacts near it."""
     pose = {"name": site_name(sensor), "pos": at_m.tolist(), "quat": turn}
     if Sense.FORCE in sensor.kind.model.senses:
-        # A touch sensor sums the forces of the contacts within its site: a box around the button.
+        # MuJoCo's touch sensor adds up the contacts within its site, so the site is a box around
+        # the button alone.
         chassis.add_site(
             type=mujoco.mjtGeom.mjGEOM_BOX,
             size=[0.012] * 3,
@@ -195,7 +189,8 @@ def _turn_to(gaze: Floats) -> tuple[Triple, float]:
     axis = np.cross(X_AXIS, gaze)
     if axis.any():
         return triple(axis), 90.0
-    # Along x itself: no turn ahead, half a turn about the vertical behind.
+    # For a gaze along x the cross product is zero: there is no turn ahead, and half a turn about
+    # the vertical behind.
     return Z_AXIS, 90.0 - 90.0 * gaze[0]
 
 

@@ -86,11 +86,11 @@ def from_plan(
         planned,
         holds_ball=scene.ball,
     ).build()
-    # All constraints share one body: searching for independent islands would take a tenth of the
-    # time in vain.
+    # All constraints share one body, so searching for independent islands would only cost a tenth
+    # of the time.
     spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_ISLAND
     if planned.articulation.rods or planned.articulation.loops:
-        # Legs interact through the chassis only: the matrices are sparse.
+        # Legs interact only through the chassis, which leaves the matrices sparse.
         spec.option.jacobian = mujoco.mjtJacobian.mjJAC_SPARSE
     return spec
 
@@ -114,7 +114,7 @@ class _Builder:
         self.motors = {motor.port: motor for motor in robot.motors}
         self.mounted: dict[str | None, tuple[Placed, int]] = {}
         """Each sensor and its body, by port, and the hub, whose port is ``None``."""
-        # Backwards, so that of two at one port the first one stays.
+        # The order is reversed, so that of two devices at one port the first one stays.
         for placed in reversed(list(planned.plan.devices(*_CARRIED))):
             body = self.articulation.body_of(placed.index)
             if body is not None:
@@ -146,7 +146,7 @@ class _Builder:
 
     def build(self) -> None:
         """Build everything except the surroundings."""
-        # Parents are before their children among the joints.
+        # The joints are ordered with parents before their children, as bodies are added.
         self._add_base()
         driven: dict[int, Drive] = {}
         for drive in self.articulation.drives:
@@ -157,7 +157,7 @@ class _Builder:
                 self._add_drive(driven[joint.child])
             else:
                 self._add_passive(joint)
-        # What holds between them needs all bodies.
+        # Couplings, rods and loops hold between bodies, so all bodies come before them.
         self._couple()
         self._add_rods()
         for number, loop in enumerate(self.articulation.loops):
@@ -168,7 +168,7 @@ class _Builder:
                 self.bodies[loop.child],
                 self._local(loop.parent, loop.point_m),
             )
-        # Nothing collides within the ranges of a fixed robot's joints.
+        # A fixed robot's joints have ranges within which nothing collides, so it needs no shapes.
         if not self.articulation.is_fixed:
             self._add_shapes()
         mjcf.add_colours(self.spec)
@@ -192,7 +192,7 @@ class _Builder:
         """Wheels that roll on the floor: the largest of those at one position, without casters."""
         casters = {wheel.part for wheel, _, _ in self.casters}
         tyres: list[Wheel] = []
-        # The largest first: a rim is then within the tyre around it.
+        # The largest wheels come first, so that a rim is found inside the tyre around it.
         by_size = sorted(self.articulation.wheels, key=lambda wheel: -wheel.diameter_mm)
         for wheel in by_size:
             is_inner = any(_is_around(tyre, wheel) for tyre in tyres)
@@ -210,7 +210,7 @@ class _Builder:
         for _, centre_m, radius_m in self.casters:
             lowest_m.append(float(centre_m[2]) - radius_m)
         if self.articulation.is_fixed or not lowest_m:
-            # It stands on whatever part is lowest.
+            # A robot without wheels, feet or casters stands on whatever part is lowest.
             for body in self.articulation.bodies:
                 for part in body.parts:
                     placed = self.planned.plan.parts[part]
@@ -223,7 +223,8 @@ class _Builder:
         mass: dict[int, float] = {}
         for number, body in enumerate(self.articulation.bodies):
             mass[number] = body.mass_kg
-        # From the leaves to the root: a child has all of its mass before its parent counts it.
+        # The sum goes from the leaves to the root, so that a child has its whole mass before its
+        # parent counts it.
         for joint in reversed(self.articulation.joints):
             mass[joint.parent] += mass[joint.child]
         return mass
@@ -235,7 +236,8 @@ class _Builder:
             ports[drive.joint.child] = drive.port
         for geared in self.articulation.geared:
             ports[geared.joint.child] = geared.port
-        # What swings on a driven body is named after its motor too, the nearest bodies first.
+        # What swings on a driven body is named after its motor too. Sorting reaches the bodies
+        # nearest to the motor first.
         for joint in sorted(self.articulation.swings, key=lambda joint: joint.child):
             if joint.parent in ports:
                 ports[joint.child] = ports[joint.parent]
@@ -261,7 +263,7 @@ class _Builder:
         body.explicitinertial = True
         body.mass = link.mass_kg
         body.ipos = self._local(number, link.centre_m)
-        # MuJoCo's order: the diagonal, then xy, xz and yz.
+        # MuJoCo orders an inertia as its diagonal, then xy, xz and yz.
         xx, yy, zz = np.diag(inertia)
         xy = inertia[0, 1]
         xz = inertia[0, 2]
@@ -280,8 +282,8 @@ class _Builder:
         self._set_inertia(body, 0)
 
     def _add_drive(self, drive: Drive) -> None:
-        """Add what a motor drives: a body on the geared shaft and, with backlash, the driven body
-        on it."""
+        """Add the bodies that a motor drives: one on the geared shaft and, with backlash, the
+        driven one on that."""
         joint = drive.joint
         port = drive.port
         motor = self.motors[port]
@@ -295,7 +297,7 @@ class _Builder:
             gear=drive.gear,
             train_friction_nm=_TRAIN_FRICTION_NM * abs(drive.gear) if drive.teeth else 0.0,
         )
-        # The plan's configuration has the plan's angle; the joint counts as the motor does.
+        # The plan's configuration is at the plan's angle, while the joint counts as the motor does.
         start_deg = self._start_deg(motor)
         turned_deg = start_deg - self.planned.device(port).angle_deg
         angle = math.radians(turned_deg) / drive.gear
@@ -349,7 +351,8 @@ class _Builder:
         """Angle of a motor's shaft at start: the middle of its range, or as in the plan without a
         range or with linkages."""
         ends = _range_of_shaft(motor)
-        # Linkages are closed in the plan's configuration only.
+        # Rods and loops are closed in the plan's configuration only, so a linkage has to start
+        # there.
         is_linked = self.articulation.rods or self.articulation.loops
         if ends is None or is_linked:
             return self.planned.device(motor.port).angle_deg
@@ -364,18 +367,20 @@ class _Builder:
         """Set the end stops of a motor: where parts of the robot collide; with a range, at most a
         little beyond it."""
         if motor.end_stops_deg is not None:
-            # The description, or the plan, says them; the loader of models sets them.
+            # The loader of models sets stops that the description or the plan gives, so nothing is
+            # searched for here.
             return
         ends = _range_of_shaft(motor)
         if ends is None:
-            # Only what can turn less than once has stops.
+            # Only a motor that can turn less than once gets stops.
             stops = stops_deg(self.planned, motor.port)
             if stops is None:
                 return
         else:
             lowest = ends[0] - _BEYOND_DEG
             highest = ends[1] + _BEYOND_DEG
-            # What is free is wider than asked for if the plan's position is outside.
+            # The free range may be wider than what was asked for, if the plan's position is outside
+            # of it.
             low, high = free_deg(
                 self.planned,
                 motor.port,
@@ -384,7 +389,7 @@ class _Builder:
             )
             stops = (max(low, lowest), min(high, highest))
         shaft.limited = True
-        # A negative gear swaps the ends.
+        # A negative gear swaps the ends, so they are sorted.
         shaft.range = sorted(math.radians(angle) / gear for angle in stops)
 
     def _couple(self) -> None:
@@ -400,7 +405,8 @@ class _Builder:
                 f"geared_{joint.child}",
                 f"turn_{joint.child}",
             )
-            # Its start angle relative to the plan follows from the motor's.
+            # A geared body follows its motor, so it has to start at the angle that belongs to the
+            # motor's.
             drive = next(drive for drive in self.articulation.drives if drive.port == port)
             start_deg = self._start_deg(self.motors[port])
             turned_deg = start_deg - self.planned.device(port).angle_deg
@@ -420,7 +426,7 @@ class _Builder:
                 near=(self.bodies[rod.near], near_m),
                 far=(self.bodies[rod.far], far_m),
             )
-            # The body's axes are those into which `TurningParts` turns it.
+            # `TurningParts` turns the body into these axes, so its looks are drawn in them.
             axes = _axes_along(rod.far_m - rod.near_m)
             looks = looks_of(
                 self.planned.plan,
@@ -454,8 +460,8 @@ class _Builder:
                 size=[foot.radius_m, 0, 0],
                 **mjcf.contact_attributes(_PLASTIC_FRICTION),
             )
-        # What touches the floor has a shape of its own; a hull around it would touch beside it.
-        # The chassis has a hull whatever it rolls on.
+        # What touches the floor has a shape of its own, and a hull around it would touch beside
+        # that. The chassis has a hull whatever it rolls on.
         touching = {foot.body for foot in self.feet}
         touching.update(wheel.link for wheel in self.tyres)
         touching.discard(0)
@@ -469,7 +475,7 @@ class _Builder:
         radius_m = wheel.diameter_mm / 2000
         width_ldu = float(high[2] - low[2])
         half_width_m = width_ldu / 2 * M_PER_LDU
-        # A wheel of the parts library turns about its z axis.
+        # Wheels of the parts library turn about their z axis.
         axis = TO_TWIN @ placed.rotation[:, 2]
         quaternion = np.empty(4)
         mujoco.mju_quatZ2Vec(quaternion, axis)
@@ -503,10 +509,10 @@ class _Builder:
         if not corners_m:
             return
         points_m = np.concatenate(corners_m) - self.origins[number]  # [n, 3]
-        # MuJoCo compiles no flat hull.
+        # MuJoCo does not compile a flat hull.
         if np.ptp(points_m, axis=0).min() < _LEAST_HULL_M:
             return
-        # One point of each cell of a grid: fewer points make contacts faster.
+        # One point for each cell of a grid is kept, because fewer points make contacts faster.
         cells = np.round(points_m / _CORNER_M)
         _, chosen = np.unique(cells, axis=0, return_index=True)
         name = f"hull_{number}"
@@ -526,7 +532,8 @@ class _Builder:
     def _add_sensors(self) -> None:
         """Add the sites of hub and sensors; sensors that are not in the plan are mounted on the
         first body."""
-        # Tilt and heading are those of the first body, so what measures them is there.
+        # The twin's tilt and heading are those of the first body, so the hub must not move against
+        # it.
         hub_moves = self.hub_body != 0 and not self.articulation.is_fixed
         if self.robot.needs_imu and hub_moves:
             raise TwinError(
@@ -542,7 +549,7 @@ class _Builder:
             if placed is not None:
                 self._add_sensor(sensor, placed, number)
                 continue
-            # The usual place of a sensor is one on a car.
+            # A sensor's usual place exists only on a car.
             if sensor.mount is None and self.robot.drive_base is None:
                 raise TwinError(
                     f"there is no place for '{sensor.name}' in {self.planned.plan.path}; add it "
@@ -570,7 +577,8 @@ class _Builder:
             )
         looks = np.array(placed.electric.direction)
         low, high = placed.part.bounds
-        # Along each axis of the part: its upper end, its lower one, or its middle.
+        # A sensor looks out of an end of its case, so its eye is at that end and in the middle of
+        # the other axes.
         lower_or_middle = np.where(looks < -0.5, low, 0.0)
         eye = np.where(looks > 0.5, high, lower_or_middle)
         eye_m = point_m_of(placed.point(eye))
@@ -595,7 +603,7 @@ class _Builder:
     def _draw(self) -> None:
         """Draw all parts, and add lights and cameras."""
         plan = self.planned.plan
-        # Rods, shafts and gears turn against the bodies that carry them.
+        # Rods, shafts and gears turn against the bodies that carry them, so they are drawn apart.
         drawn_apart: set[int] = set()
         for follower in self.articulation.followers:
             drawn_apart.update(follower.parts)
@@ -638,7 +646,7 @@ class _Builder:
         first = self.articulation.bodies[0]
         x_m, y_m, z_m = self._local(0, first.centre_m)
         if self.articulation.is_fixed:
-            # What moves of an arm is above its base.
+            # An arm's moving parts are above its base, so the cameras aim at them.
             parent = self.spec.worldbody
             target = (x_m, y_m, 0.4 * size_m)
         else:
@@ -673,7 +681,7 @@ def _range_of_shaft(motor: Motor) -> tuple[float, float] | None:
 
 def _facing(looks: Floats) -> list[float]:
     """Quaternion of the shortest rotation of x to a direction."""
-    # Backwards no rotation is the shortest: half a turn about the vertical.
+    # Looking backwards, no rotation is the shortest, so half a turn about the vertical is taken.
     if 1.0 + looks[0] < 1e-6:
         return [0.0, 0.0, 0.0, 1.0]
     x, y, z = looks
@@ -712,7 +720,7 @@ def _feet(planned: PlannedRobot) -> list[_Foot]:
     articulation = planned.articulation
     if articulation.is_fixed or articulation.wheels:
         return []
-    # The chassis, body 0, is no leg.
+    # Body 0 is the chassis, which is no leg.
     ends: list[_Foot] = []
     for number, body in enumerate(articulation.bodies[1:], 1):
         cylinders: list[_Cylinder] = []
@@ -720,10 +728,10 @@ def _feet(planned: PlannedRobot) -> list[_Foot]:
             cylinders += _cylinders(planned.plan.parts[part])
         if cylinders:
             ends.append(_lower_end(number, cylinders))
-    # Of all bodies with round ends, those near the floor stand on it.
     low_m = min((end.lowest_m for end in ends), default=0.0)
     feet = [end for end in ends if end.lowest_m < low_m + _FOOT_REACH_M]
-    return feet if len(feet) > 1 else []  # nothing stands on one
+    # Nothing stands on a single foot.
+    return feet if len(feet) > 1 else []
 
 
 class _Cylinder(NamedTuple):
@@ -760,7 +768,7 @@ def _cylinders(placed: Placed) -> Iterator[_Cylinder]:
 def _lower_end(body: int, cylinders: list[_Cylinder]) -> _Foot:
     """Lower end of a leg: its lowest cylinder, as long as all those in line with it together."""
     lowest = min(cylinders, key=lambda cylinder: cylinder.centre_m[2] - cylinder.radius_m)
-    along_m = []  # of both ends of each, from the centre of the lowest
+    along_m = []
     for cylinder in cylinders:
         if not cylinder.is_in_line_with(lowest):
             continue

@@ -11,8 +11,21 @@ import numpy as np
 from bricktwin.plans.drawing.pieces import Piece, colour_name
 from bricktwin.plans.drawing.shapes import Shape, discs, merge
 from bricktwin.plans.geometry import Floats, Triple
-from bricktwin.twin.models.mjcf import OBSTACLE_GROUP, draw, yaw_quaternion
-from bricktwin.twin.objects import COLORS, Block, Field, Line, Mark, Point, Ramp, Wall
+from bricktwin.twin.conventions import OBSTACLE_GROUP, object_name
+from bricktwin.twin.models.mjcf import LOOKS, draw
+from bricktwin.twin.objects import (
+    COLORS,
+    Ball,
+    Block,
+    Field,
+    Line,
+    Mark,
+    Picture,
+    Point,
+    Ramp,
+    Wall,
+)
+from bricktwin.twin.rotations import about, product, yaw_quaternion
 from bricktwin.twin.scene import Scene
 
 LOWEST_MM = 0.6
@@ -24,11 +37,14 @@ _HIGHEST_MM = 2.4
 _RAMP_MM = 8.0
 """Thickness of a ramp's plate."""
 _CORNERS = 64
-"""Corners of what is drawn as round."""
+"""Number of corners of a shape that is drawn as round."""
 _FLAT_MM = 0.01
 """Thickness of a mark: a mesh needs a volume."""
 _FRICTION = 0.4
 """Friction of a pushed block, on the floor and against a robot; an estimate for plastic on wood."""
+_ROLLING_M = 0.001
+"""Rolling friction of a ball (its lever, m): 60 g at 0.5 m/s stop within half a metre, as on short
+carpet; an estimate."""
 
 
 def add_objects(spec: mujoco.MjSpec, scene: Scene) -> None:
@@ -36,11 +52,13 @@ def add_objects(spec: mujoco.MjSpec, scene: Scene) -> None:
     _draw_marks(spec, scene.marks)
     world = spec.worldbody
     for number, solid in enumerate(scene.solids):
-        name = f"object_{number}"
+        name = object_name(number)
         if isinstance(solid, Wall):
             _add_wall(world, name, solid)
         elif isinstance(solid, Ramp):
             _add_ramp(world, name, solid)
+        elif isinstance(solid, Ball):
+            _add_ball(world, name, solid)
         else:
             _add_block(world, name, solid)
 
@@ -77,25 +95,21 @@ def _add_ramp(
     rise = math.atan2(ramp.height_mm, ramp.length_mm)
     half_length = math.hypot(ramp.length_mm, ramp.height_mm) / 2000
     half_thickness = _RAMP_MM / 2000
-    # The plate's middle is below that of its upper side, at right angles to it.
+    # The middle of the plate lies below the middle of its upper side, at right angles to it.
     cosine = math.cos(rise)
     sine = math.sin(rise)
     ahead = half_length * cosine + half_thickness * sine
     height = half_length * sine - half_thickness * cosine
     x += ahead * math.cos(yaw)
     y += ahead * math.sin(yaw)
-    half_rise = rise / 2
-    tilt = np.array([math.cos(half_rise), 0.0, -math.sin(half_rise), 0.0])
-    turned = np.array(yaw_quaternion(yaw))
-    turn = np.empty(4)
-    mujoco.mju_mulQuat(turn, turned, tilt)
+    tilt = about((0.0, -1.0, 0.0), rise)
     add_geom(
         world,
         name,
         position=[x, y, height],
         half=[half_length, ramp.width_mm / 2000, half_thickness],
         rgb=COLORS[ramp.color],
-        turn=turn.tolist(),
+        turn=product(yaw_quaternion(yaw), tilt),
     )
 
 
@@ -120,7 +134,7 @@ def _add_block(
             is_round=block.round,
         )
         return
-    # What can be pushed is a body with a joint of its own, by whose name a reset finds it.
+    # A reset has to find what can be pushed, so that is a body with a joint whose name says so.
     body = world.add_body(
         name=name,
         pos=position,
@@ -135,6 +149,32 @@ def _add_block(
         rgb,
         is_round=block.round,
         mass_kg=block.mass_g / 1000,
+    )
+
+
+def _add_ball(
+    world: mujoco.MjsBody,
+    name: str,
+    ball: Ball,
+) -> None:
+    x, y = (value / 1000 for value in ball.at_mm)
+    radius_m = ball.diameter_mm / 2000
+    body = world.add_body(name=name, pos=[x, y, radius_m])
+    # As of a block, by whose name a reset finds it.
+    body.add_freejoint(name=name)
+    body.add_geom(
+        name=name,
+        type=mujoco.mjtGeom.mjGEOM_SPHERE,
+        size=[radius_m, 0.0, 0.0],
+        rgba=[*COLORS[ball.color], 1.0],
+        mass=ball.mass_g / 1000,
+        # Six dimensions: a contact of three has no friction of rolling, and the ball rolls on.
+        condim=6,
+        friction=[_FRICTION, 0.005, _ROLLING_M],
+        priority=1,
+        group=OBSTACLE_GROUP,
+        contype=1,
+        conaffinity=1,
     )
 
 
@@ -154,14 +194,14 @@ def add_geom(
     """Add an obstacle with half sizes ``half`` (m): a box, or an upright cylinder; one with a mass
     can be pushed."""
     if is_round:
-        # MuJoCo's cylinder has a radius and half a height.
+        # MuJoCo takes a cylinder's radius and half of its height.
         shape = mujoco.mjtGeom.mjGEOM_CYLINDER
         size = [half[0], half[2], 0.0]
     else:
         shape = mujoco.mjtGeom.mjGEOM_BOX
         size = half
-    # Of two that touch, the friction of the higher priority counts: a block's on the floor, a
-    # tyre's on a wall. What is fixed collides with robots only, what moves with all.
+    # Where two shapes touch, the friction of the higher priority counts: a block's on the floor, a
+    # tyre's on a wall. Fixed things collide with robots only, and movable ones with everything.
     sliding = friction if mass_kg else 1.0
     body.add_geom(
         name=name,
@@ -179,32 +219,75 @@ def add_geom(
     )
 
 
-# ---------------------------------------------------------------- on the floor
-
-
 def _draw_marks(spec: mujoco.MjSpec, marks: Sequence[Mark]) -> None:
-    """Draw marks, the lowest first: a mesh per layer, as a renderer may paint layers in the order
-    of their heights. Marks of one color that follow one another share a layer."""
-    layers: list[tuple[str, list[Shape]]] = []
-    for color, members in itertools.groupby(marks, lambda mark: mark.color):
-        shapes = []
-        for mark in members:
-            shape = _field(mark) if isinstance(mark, Field) else _line(mark)
-            shapes.append(shape)
-        layers.append((color, shapes))
-    # Many layers get closer, as the uppermost must not hide the wheels.
+    """Draw marks, the lowest first, in layers, as a renderer may paint these in the order of their
+    heights. Marks of one color that follow one another share a layer, and a mesh."""
+    layers = [list(members) for _, members in itertools.groupby(marks, _layer_key)]
+    # The more layers there are, the closer they get, because the uppermost must not hide the
+    # wheels.
     room_mm = _HIGHEST_MM - LOWEST_MM
     rise_mm = min(_LAYER_MM, room_mm / max(1, len(layers)))
-    for number, (color, shapes) in enumerate(layers):
+    for number, members in enumerate(layers):
+        name = f"layer_{number}"
         height_mm = LOWEST_MM + number * rise_mm
+        shapes = []
+        color = ""
+        for mark in members:
+            if isinstance(mark, Picture):
+                _draw_picture(spec, name, mark, height_mm)
+            else:
+                color = mark.color
+                shapes.append(_field(mark) if isinstance(mark, Field) else _line(mark))
+        if not shapes:
+            continue
         shape = merge(shapes).at(0.0, 0.0, height_mm)
         piece = Piece(((colour_name(COLORS[color]), shape),))
         draw(
             spec,
             spec.worldbody,
             [piece],
-            f"layer_{number}",
+            name,
         )
+
+
+def _layer_key(mark: Mark) -> object:
+    """What marks of one layer share."""
+    return id(mark) if isinstance(mark, Picture) else mark.color
+
+
+def _draw_picture(
+    spec: mujoco.MjSpec,
+    name: str,
+    picture: Picture,
+    height_mm: float,
+) -> None:
+    """Draw a picture on a plane of its size."""
+    texture = spec.add_texture(
+        name=name,
+        type=mujoco.mjtTexture.mjTEXTURE_2D,
+        width=picture.columns,
+        height=picture.rows,
+        nchannel=3,
+    )
+    texture.data = picture.pixels
+    material = spec.add_material(
+        name=name,
+        specular=0.1,
+        shininess=0.1,
+    )
+    material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = name
+    x, y = (value / 1000 for value in picture.at_mm)
+    width_mm, height_of_picture_mm = picture.size_mm
+    spec.worldbody.add_geom(
+        name=name,
+        type=mujoco.mjtGeom.mjGEOM_PLANE,
+        pos=[x, y, height_mm / 1000],
+        quat=yaw_quaternion(-math.radians(picture.heading_deg)),
+        size=[width_mm / 2000, height_of_picture_mm / 2000, 0.1],
+        material=name,
+        mass=0.0,
+        **LOOKS,
+    )
 
 
 def _field(field: Field) -> Shape:
@@ -229,10 +312,9 @@ def _line(line: Line) -> Shape:
     for x, y in line.points_mm:
         disc = discs(half_width, _FLAT_MM, 24)
         pieces.append(disc.at(x, y, 0.0))
-    starts, ends = line.ends_mm
-    for start, end in zip(starts, ends, strict=True):
+    for start, end in map(np.array, line.segments_mm):
         along = end - start
-        # Two equal points are a segment without a direction.
+        # Two equal points make a segment without a direction; the limit avoids dividing by 0.
         length = max(float(np.linalg.norm(along)), 1e-9)
         along_x, along_y = along / length
         side = np.array([-along_y, along_x]) * line.width_mm / 2
@@ -256,7 +338,8 @@ def _flat(outline: Floats) -> Shape:
     up = (0.0, 0.0, 1.0)
     down = (0.0, 0.0, -1.0)
     normals = np.repeat([up, down], count, axis=0)
-    # A fan of triangles around the first corner; seen from below, it goes the other way round.
+    # The outline is a fan of triangles around its first corner; seen from below, it goes the other
+    # way round.
     first = np.zeros(count - 2, int)
     second = np.arange(1, count - 1)
     third = np.arange(2, count)

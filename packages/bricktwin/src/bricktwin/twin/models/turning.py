@@ -7,19 +7,10 @@ and turned towards the other before rendering.
 """
 
 import mujoco
-import numpy as np
 
-from bricktwin.plans.geometry import Floats, Triple
+from bricktwin.plans.geometry import Triple
 from bricktwin.plans.mechanism.articulation import Follower, Geared
-from bricktwin.twin.models.mjcf import SHAPE_GROUP
-
-_SPINNER = "spin_"
-"""First letters of the names of shafts and gears: `TurningParts` finds them by these, as a compiled
-model keeps nothing else of what they are."""
-_SPINNER_USER = 4
-"""Numbers of a shaft's or gear's user data: ratio and axis [3]."""
-_ROD = "rod_"
-"""First letters of the names of rods."""
+from bricktwin.twin.conventions import ROD, SHAPE_GROUP, SPINNER, motor_name
 
 
 def add_rod(
@@ -37,10 +28,10 @@ def add_rod(
     Returns:
         The body to draw the rod on: its origin is the near pin, its z axis points to the far one.
     """
-    if spec.tendon(_ROD + name) is not None:
+    if spec.tendon(ROD + name) is not None:
         name = f"{name}_{len(spec.tendons)}"
-    name = _ROD + name
-    # A tendon between the pins measures their distance, and an equality keeps it.
+    name = ROD + name
+    # A rod is a tendon that measures the distance of its pins, and an equality that keeps it.
     tendon = spec.add_tendon(name=name, group=SHAPE_GROUP)
     for end, (carrier, pin) in {"near": near, "far": far}.items():
         site = carrier.add_site(
@@ -55,9 +46,10 @@ def add_rod(
         objtype=mujoco.mjtObj.mjOBJ_TENDON,
     )
     constraint.name1 = name
-    # A polynomial of zeros: the length is that of the initial configuration.
+    # With zeros as its polynomial, the tendon keeps the length of the initial configuration.
     constraint.data[:5] = 0.0
-    # Stiff: with MuJoCo's default the ends of a light rod separate by fractions of a millimetre.
+    # The constraint is stiffer than MuJoCo's default, with which the ends of a light rod separate
+    # by fractions of a millimetre.
     constraint.solref = [2 * spec.option.timestep, 1.0]
     constraint.solimp = [0.99, 0.99, 0.001, 0.5, 2.0]
     near_body, near_pin = near
@@ -71,13 +63,13 @@ def add_spinner(
     follower: Follower,
     at_m: Triple,
 ) -> mujoco.MjsBody:
-    """Add a body that turns with a motor, to draw on."""
-    # What turns it is the port in its name, and by how much its user data: both survive in a kept
-    # model, from which `TurningParts` reads them.
+    """Add a body that turns with a motor, on which its parts are drawn."""
+    # The name says which port turns the body, and the user data by how much. A kept model preserves
+    # both, and `TurningParts` reads them from there.
     axis = -follower.axis
     ratio_and_axis = [follower.ratio, *axis.tolist()]
     return body.add_body(
-        name=f"{_SPINNER}{follower.port}_{number}",
+        name=f"{SPINNER}{follower.port}_{number}",
         pos=at_m,
         userdata=ratio_and_axis,
     )
@@ -96,8 +88,9 @@ def add_coupling(
         objtype=mujoco.mjtObj.mjOBJ_JOINT,
     )
     constraint.name1 = joint
-    constraint.name2 = f"motor_{geared.port}"
-    # Coefficients of a polynomial in the motor's angle: a ratio is its linear term.
+    constraint.name2 = motor_name(geared.port)
+    # The data are the coefficients of a polynomial in the motor's angle, and a ratio is its linear
+    # term.
     constraint.data[:5] = [0.0, geared.ratio, 0.0, 0.0, 0.0]
 
 
@@ -117,52 +110,5 @@ def add_loop(
     constraint.name1 = body.name
     constraint.name2 = other.name
     constraint.data[:3] = at_m
-    # MuJoCo allows no stiffer constraint than one with a time constant of two steps.
+    # A time constant of two steps is the stiffest that MuJoCo allows.
     constraint.solref = [2 * spec.option.timestep, 1.0]
-
-
-class TurningParts:
-    """Parts of a model that turn visually only."""
-
-    def __init__(self, model: mujoco.MjModel) -> None:
-        self._spinners: list[tuple[int, int, float, Floats]] = []
-        """Body, address of the joint's position, ratio and axis [3] of each shaft or gear."""
-        self._rods: list[tuple[int, int]] = []
-        """Body, and site of the far pin of each rod."""
-        for body in range(model.nbody):
-            full_name = model.body(body).name
-            # In an arena all names of a robot begin with "ROBOT/".
-            robot, slash, name = full_name.rpartition("/")
-            # A user's model may have bodies of such names, too, but not with what belongs to them.
-            if name.startswith(_SPINNER) and model.nuser_body >= _SPINNER_USER:
-                port = name.split("_")[1]
-                motor = f"{robot}{slash}motor_{port}"
-                joint = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, motor)
-                if joint >= 0:
-                    ratio, *axis = model.body_user[body, :_SPINNER_USER].tolist()
-                    address = int(model.jnt_qposadr[joint])
-                    self._spinners.append((body, address, ratio, np.array(axis)))
-            elif name.startswith(_ROD):
-                far = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, f"{full_name}_far")
-                if far >= 0:
-                    self._rods.append((body, far))
-
-    def turn(
-        self,
-        model: mujoco.MjModel,
-        data: mujoco.MjData,
-    ) -> None:
-        """Turn shafts and gears with their motors' joints, rods to their far pins; positions must
-        be up to date, and are so afterwards."""
-        for body, address, ratio, axis in self._spinners:
-            turned = float(data.qpos[address] - model.qpos0[address])
-            angle = ratio * turned
-            mujoco.mju_axisAngle2Quat(model.body_quat[body], axis, angle)
-        for body, far in self._rods:
-            parent = model.body_parentid[body]
-            frame = data.xmat[parent].reshape(3, 3)
-            along_m = data.site_xpos[far] - data.xpos[body]
-            mujoco.mju_quatZ2Vec(model.body_quat[body], along_m @ frame)
-        # The turns were written into the model; the positions in the data follow from it.
-        if self._spinners or self._rods:
-            mujoco.mj_kinematics(model, data)

@@ -52,14 +52,14 @@ def is_fixed_camera(model: mujoco.MjModel, camera: int) -> bool:
     """True if a camera is fixed in the world."""
     fixed = model.cam_mode[camera] == mujoco.mjtCamLight.mjCAMLIGHT_FIXED
     body = model.cam_bodyid[camera]
-    # Welded to the world, which is body 0.
+    # The world is body 0, so this camera is welded to it.
     return bool(fixed and model.body_weldid[body] == 0)
 
 
 def is_opaque(model: mujoco.MjModel, groups: NDArray[np.uint8]) -> bool:
     """True if no geometry of the drawn groups is transparent."""
     drawn = np.flatnonzero(groups[model.geom_group])
-    # A geometry has a colour of its own, and may have that of a material.
+    # A geometry has its own colour, and may have that of a material instead.
     materials = model.geom_matid[drawn]
     used = materials[materials >= 0]
     own_alphas = model.geom_rgba[drawn, 3]
@@ -91,7 +91,7 @@ class MovingParts:
         self._corners = middle + half * signs  # [geoms, 8, 3], in the frame of each geometry
         fovy = math.radians(float(model.cam_fovy[camera]))
         focal_px = height / 2 / math.tan(fovy / 2)
-        # Rows count downwards.
+        # Rows of an image count downwards, unlike the camera's y axis.
         self._focal_px = np.array((focal_px, -focal_px))
         self._middle_px = np.array((width, height)) / 2
         self._whole = (0, 0, width, height)
@@ -113,7 +113,7 @@ class MovingParts:
         spot_px: int,
     ) -> NDArray[np.bool_]:
         """Mask ``[rows, columns]`` of the squares of ``spot_px`` that moving geometry may cover."""
-        # Rounded up: the last squares may reach beyond the image.
+        # Counts are rounded up, because the last squares may reach beyond the image.
         rows = -(-self._height // spot_px)
         columns = -(-self._width // spot_px)
         mask = np.zeros((rows, columns), bool)
@@ -126,13 +126,15 @@ class MovingParts:
     def _bounds(self, data: mujoco.MjData) -> NDArray[np.int64]:
         """Left, top, right and bottom of each geometry's bounding box, with a margin of 1 px;
         ``[geometries, 4]``."""
-        # Corners of the boxes from the camera [geoms, 8, 3], in the axes of the world.
+        # The corners of the boxes, seen from the camera, are [geoms, 8, 3] in the axes of the
+        # world.
         axes = data.geom_xmat[self._geoms].reshape(-1, 3, 3)
         rotated = self._corners @ axes.transpose(0, 2, 1)
         middles = data.geom_xpos[self._geoms, None]
         corners = rotated + middles - data.cam_xpos[self._camera]
 
-        # In those of the camera: to the right, up, and back. Its image is a central projection.
+        # In the camera's axes they are to the right, up and back, and a central projection makes
+        # the image of them.
         camera_axes = data.cam_xmat[self._camera].reshape(3, 3)
         local = corners @ camera_axes
         depths = np.maximum(-local[..., 2:], _NEAR_M)  # [geoms, 8, 1]
@@ -141,7 +143,7 @@ class MovingParts:
         upper_left = np.floor(pixels.min(1)) - 1
         lower_right = np.ceil(pixels.max(1)) + 1
         bounds = np.concatenate((upper_left, lower_right), 1)
-        # Beside or behind the camera: it may cover anything.
+        # What reaches beside or behind the camera may cover any part of the image.
         is_beside = local[..., 2].max(1) > -_NEAR_M
         bounds[is_beside] = self._whole
         size = self._whole[2:]
@@ -184,14 +186,14 @@ _DISABLED = ("disable", "disabled", "off", "false", "0")
 _MAX_GEOMS = 1000
 """Geometries of a scene, with decorations."""
 _TABLE_BYTES = 2**20
-"""More than the size of a film's table of images."""
+"""Size that a film's table of images never reaches."""
 _LITTLE_BYTES = 2**20
 """Free space below which a disk counts as full."""
 _PIXEL = np.dtype("V3")
-"""A pixel is copied as one value, several times as fast as by colour."""
+"""Type of a pixel as one value, which is copied several times as fast as its three colours."""
 
 Decorate = Callable[[mujoco.MjvScene], None]
-"""Adds decorations to a scene before each rendering."""
+"""A function that adds decorations to a scene before each rendering."""
 
 
 class Renderer(contextlib.AbstractContextManager["Renderer"]):
@@ -246,7 +248,8 @@ class Renderer(contextlib.AbstractContextManager["Renderer"]):
         self._whole = Box(0, 0, width, height)
         self._background: tuple[Image, NDArray[np.float32]] | None = None
         self._moving: MovingParts | None = None
-        # Shadows and decorations change the background, and a camera object may move.
+        # The background is kept only for a camera that stays where it is, without shadows and
+        # decorations, which would change it.
         keeps_background = is_named and not shadows and decorate is None
         fixed = self._camera.fixedcamid
         groups = self._option.geomgroup
@@ -258,21 +261,22 @@ class Renderer(contextlib.AbstractContextManager["Renderer"]):
                 height,
                 groups,
             )
-            # Smoothing mixes an edge with what is behind it, and so does transparency.
+            # Smoothing and transparency mix a moving part with what is behind it, so drawing it on
+            # a kept background would differ.
             self._is_composited = not smooth and is_opaque(model, groups)
         model.vis.global_.offwidth = width
         model.vis.global_.offheight = height
         model.vis.quality.offsamples = 4 if smooth else 0
         self._gl, self._context = _open_context(model, width, height)
-        # OpenGL objects must be freed in their own context, or another context's objects of the
-        # same number would be freed.
+        # OpenGL objects must be freed in their own context, because another one may have an object
+        # of the same number.
         self._free = weakref.finalize(
             self,
             _free_context,
             self._gl,
             self._context,
         )
-        # The end of the process frees all of it.
+        # The end of the process frees everything anyway, and by then the display may be gone.
         self._free.atexit = False
 
     def render(self) -> Image:
@@ -326,7 +330,7 @@ class Renderer(contextlib.AbstractContextManager["Renderer"]):
             categories,
             self._scene,
         )
-        # The sky is a part of the background.
+        # A picture of moving parts alone must not have the sky, which belongs to the background.
         has_sky = categories != mujoco.mjtCatBit.mjCAT_DYNAMIC
         self._scene.flags[mujoco.mjtRndFlag.mjRND_SKYBOX] = has_sky
         if self._decorate is not None:
@@ -341,7 +345,8 @@ class Renderer(contextlib.AbstractContextManager["Renderer"]):
         size = (box.height, box.width)
         pixels = np.empty((*size, 3), np.uint8)
         depth = np.empty(size, np.float32)
-        # A buffer of exactly this size is cleared at once, a part of a larger one pixel by pixel.
+        # A buffer of exactly this size is cleared at once, but a part of a larger one pixel by
+        # pixel.
         mujoco.mjr_resizeOffscreen(box.width, box.height, self._context)
         mujoco.mjr_render(viewport, self._scene, self._context)
         mujoco.mjr_readPixels(
@@ -350,7 +355,7 @@ class Renderer(contextlib.AbstractContextManager["Renderer"]):
             viewport,
             self._context,
         )
-        # OpenGL's first row is the lowest.
+        # OpenGL's first row is the lowest one.
         return pixels[::-1], depth[::-1]
 
     def close(self) -> None:
@@ -400,7 +405,7 @@ class VideoWriter(contextlib.AbstractContextManager["VideoWriter"]):
         try:
             self._file.send(np.ascontiguousarray(frame))
         except (OSError, StopIteration):
-            # The encoder has ended, most likely as the disk is full.
+            # The encoder has ended, most likely because the disk is full.
             self._file = None
             self._fail()
 
@@ -409,7 +414,8 @@ class VideoWriter(contextlib.AbstractContextManager["VideoWriter"]):
 
         with writing(self.path):
             self.path.parent.mkdir(parents=True, exist_ok=True)
-            # The encoder takes what is before the first colon for a protocol, but for whole paths.
+            # The path is absolute, because in others the encoder takes what is before a colon for a
+            # protocol.
             self._part = temporary_beside(self.path.absolute(), ".mp4")
             self._part.touch(exist_ok=False)
         self._size = frame.shape
@@ -423,7 +429,7 @@ class VideoWriter(contextlib.AbstractContextManager["VideoWriter"]):
             macro_block_size=2,
             ffmpeg_log_level="quiet",
         )
-        # A generator runs up to its first `yield` before it takes images.
+        # This runs the generator up to its first `yield`, where it takes images.
         self._file.send(None)
 
     def close(self, *, complete: bool = True) -> None:
@@ -482,7 +488,8 @@ def named_camera(model: mujoco.MjModel, name: str) -> mujoco.MjvCamera:
 
 
 def _free_context(gl: Any, context: Any) -> None:
-    # Fails while the process ends and MuJoCo has closed the display: all of it is freed.
+    # This fails while the process ends, after MuJoCo has closed the display; by then everything is
+    # freed.
     with contextlib.suppress(Exception):
         gl.make_current()
         context.free()
@@ -498,7 +505,7 @@ def _open_context(
     asked_for = os.environ.get("MUJOCO_GL", "")
     backend = asked_for.lower().strip() or _choose_backend()
     if backend:
-        # MuJoCo's library reads this when it loads OpenGL's functions.
+        # MuJoCo reads this variable when it loads OpenGL's functions, so it has to be set before.
         os.environ["MUJOCO_GL"] = backend
     if backend in _DISABLED:
         asked = os.environ.get(ASKED_GL, backend)
@@ -508,17 +515,18 @@ def _open_context(
     try:
         module: Any = mujoco
         if backend in ("egl", "osmesa", "glfw", "cgl"):
-            # MuJoCo chose a library when it was imported; it may be another one.
+            # MuJoCo chose its library when it was imported, which may be another one than was asked
+            # for.
             module = importlib.import_module(f"mujoco.{backend}")
         if not hasattr(module.GLContext, "_context"):
-            # Its destructor reads this, even if the constructor failed.
+            # The destructor reads this attribute even if the constructor failed.
             module.GLContext._context = None
         gl = module.GLContext(width, height)
         gl.make_current()
         context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100)
     except Exception as error:
-        # Libraries raise different errors: ImportError, AttributeError, RuntimeError, errors of
-        # ctypes or of GL.
+        # All errors are caught, because libraries fail with different ones: ImportError,
+        # AttributeError, RuntimeError, or those of ctypes and GL.
         name = backend or "the system's OpenGL"
         raise RenderingUnavailableError(
             f"nothing can be drawn with {name} ({message_of(error, 120)}); {_REMEDY}"
@@ -529,7 +537,8 @@ def _open_context(
 
 def _choose_backend() -> str:
     """OpenGL library if the user named none; empty for MuJoCo's default."""
-    # With a window system, and on other systems, MuJoCo's own choice works.
+    # MuJoCo's own choice works with a window system, and on other systems, so only a Linux without
+    # one needs ours.
     has_windows = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
     if not sys.platform.startswith("linux") or has_windows:
         return ""

@@ -58,10 +58,11 @@ class RayCaster:
         fovy = math.radians(float(model.cam_fovy[self._camera]))
         self._rays = _camera_rays(width, height, spot_px, fovy)
         self._colours, self._textures = _colours(model)
-        # What is welded to the world never moves.
+        # Geometry that is welded to the world never moves.
         self._is_moving = model.body_weldid[model.geom_bodyid] != 0
         self._image = np.empty(self._rays.shape, np.uint8)
-        # Squares that show geometry which may have moved since; at first all are to be cast.
+        # These squares are cast anew: all of them at first, and later those with geometry that may
+        # have moved.
         rows, columns, _ = self._rays.shape
         self._stale = np.ones((rows, columns), bool)
         self._moving: MovingParts | None = None
@@ -89,10 +90,11 @@ class RayCaster:
         hits, normals = self._cast(rays)
         self._image[self._stale] = self._shade(hits, normals, rays)
         if self._moving is not None:
-            # Where something that moves is seen now, the background must be cast when it has left.
+            # Where something that moves is seen now, the background has to be cast once that has
+            # left.
             shows_moving = (hits >= 0) & self._is_moving[hits]
             self._stale[self._stale] = shows_moving
-        # The last squares may reach beyond the image.
+        # The last squares may reach beyond the image, so it is cut to its size.
         pixels = self._image.repeat(self._spot_px, 0).repeat(self._spot_px, 1)
         return pixels[: self._height, : self._width]
 
@@ -106,8 +108,8 @@ class RayCaster:
         eye = data.cam_xpos[self._camera]
         hits = np.empty((len(rays), 1), np.int32)
         normals = np.empty_like(rays)
-        # One at a time: the function for many rays misses geometries that do not collide (MuJoCo
-        # 4.0.0).
+        # Rays are cast one by one, because MuJoCo's function for many rays misses geometries that
+        # do not collide (4.0.0).
         for ray, geom, normal in zip(rays, hits, normals, strict=True):
             mujoco.mj_ray(
                 model,
@@ -132,7 +134,7 @@ class RayCaster:
         light."""
         model = self._body.model
         data = self._body.data
-        # Lambert's law: a surface reflects light by the cosine of its angle to the normal. The
+        # By Lambert's law, a surface reflects light by the cosine of its angle to the normal. The
         # headlight shines along the rays.
         headlight = model.vis.headlight
         cosines = -(normals * rays).sum(-1, keepdims=True)  # [rays, 1]
@@ -143,8 +145,9 @@ class RayCaster:
             facing = np.clip(cosines, 0.0, 1.0)[:, None]
             diffuse = facing * model.light_diffuse[lamp]
             light = light + model.light_ambient[lamp] + diffuse
-        light[hits < 0] = 1.0  # the sky is not lit
-        # As in OpenGL, the lit colour is clipped to white before the texture is applied.
+        # The sky is not lit, because it shines by itself.
+        light[hits < 0] = 1.0
+        # The lit colour is clipped to white before the texture is applied, as OpenGL does.
         lit = np.clip(self._colours[hits] * light, 0.0, 1.0)
         colours = lit * self._textures[hits]
         levels = np.rint(colours * 255)
@@ -175,7 +178,7 @@ def _camera_rays(
 def _colours(model: mujoco.MjModel) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Colour and mean texture colour (RGB in 0..1) of each geometry, and of the sky; ``[geometries
     + 1, 3]`` each."""
-    # The sky is the last one, which a ray that hits nothing (-1) reads.
+    # The sky is the last row, because a ray that hits nothing reads index -1.
     rgb = model.geom_rgba[:, :3].astype(float)
     colours = np.vstack((rgb, _SKY))
     textures = np.ones((model.ngeom + 1, 3))
@@ -183,7 +186,7 @@ def _colours(model: mujoco.MjModel) -> tuple[NDArray[np.float64], NDArray[np.flo
         if material < 0:
             continue
         colours[geom] = model.mat_rgba[material, :3]
-        # A material has a slot for each role of a texture; ours use one, and -1 is none.
+        # A material has a slot for each role of a texture. Ours use one of them, and -1 means none.
         texture = int(model.mat_texid[material].max())
         if texture >= 0:
             textures[geom] = _mean_colour(model, texture)

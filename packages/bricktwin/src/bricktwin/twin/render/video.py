@@ -53,7 +53,7 @@ def captioned(
     """The image ``[height, width, 3]`` with title and line in its upper left corner, and labels
     (column, row, text)."""
     height = image.shape[0]
-    # Text grows with the picture, and stays legible in a small one.
+    # Text grows with the picture, but stays legible in a small one.
     title_font = _font(max(11, height // 26), True)
     small_font = _font(max(9, height // 34), False)
     picture = Image.fromarray(image)
@@ -89,8 +89,8 @@ def _write(
     width = 2 * margin + round(longest)
     gaps = gap * (len(lines) - 1)
     height = 2 * margin + text_height + gaps
-    # Only the area behind the text is blended: the whole image would take longer than drawing
-    # the robot.
+    # Only the area behind the text is blended, because blending the whole image takes longer than
+    # drawing the robot.
     mask = Image.new("L", (width, height), 0)
     corners = (0, 0, width - 1, height - 1)
     ImageDraw.Draw(mask).rounded_rectangle(corners, gap, _OPACITY)
@@ -149,9 +149,9 @@ class Room:
         elif self._place is None:
             self.camera.distance = 0.62
         else:
-            # Farther, as robot and goal are both to be seen.
+            # The camera is farther away here, because the robot and its goal are both to be seen.
             self.camera.distance = 1.1
-        # From behind, so that no wall ahead hides the robot.
+        # The camera looks from behind, so that no wall ahead hides the robot.
         self.camera.azimuth = 62.0
         self.camera.elevation = -21.0
         self._target = np.array(self._robot())
@@ -182,9 +182,8 @@ class Room:
         self.camera.lookat[:] = self._target
 
     def _robot(self) -> tuple[float, float, float]:
-        """Where the camera should look, m."""
+        """The point at which the camera should look, m."""
         if not self._moves:
-            # The middle of an arm on its table.
             return 0.04, 0.0, 0.13
         x, y = self._body.data.qpos[:2].tolist()
         if self._place is None:
@@ -196,7 +195,7 @@ class Room:
 
     def decorate(self, scene: mujoco.MjvScene) -> None:
         """Add walls, metre lines and ghost to a scene."""
-        # Walls and lines go with the camera, in whole metres: the room has no end.
+        # Walls and lines follow the camera in whole metres, so that the room seems to have no end.
         middle = round(float(self._target[0]))
         half_height = _HEIGHT_M / 2
         half_skirting = _SKIRTING_M / 2
@@ -212,7 +211,7 @@ class Room:
             (6.0, 0.008, half_skirting),
             _BOARD,
         )
-        # Lines across the robot's way end at the wall.
+        # The lines across the robot's way end at the wall.
         line_middle = _BACK_M / 2 - 1.0
         half_line = _BACK_M / 2 + 1.0
         for metre in range(middle - 3, middle + 4):
@@ -244,7 +243,8 @@ class Room:
             ghost.data,
             self._option,
             mujoco.MjvPerturb(),
-            # What moves of it: its floor and walls are there already.
+            # Only the moving parts of the second robot are added: its floor and walls are there
+            # already.
             mujoco.mjtCatBit.mjCAT_DYNAMIC,
             scene,
         )
@@ -261,7 +261,7 @@ class Room:
         marks = []
         middle = round(float(self._target[0]))
         for metre in range(middle - 2, middle + 3):
-            # Beside the robot's way, where it does not hide them.
+            # Marks stand beside the robot's way, where they do not hide it.
             point = np.array([metre, -0.28, 0.0])
             pixel = self._project(point, width, height)
             if pixel is None:
@@ -287,7 +287,7 @@ class Room:
                 math.sin(elevation),
             ]
         )
-        # Level, as the camera does not lean.
+        # The camera does not lean, so this axis is level.
         right = np.array(
             [
                 math.sin(azimuth),
@@ -302,12 +302,12 @@ class Room:
         depth = float(offset @ forward)
         if depth < 0.05:
             return None
-        # A free camera has the field of view of the model's options.
+        # A free camera takes its field of view from the options of the model.
         fovy = math.radians(float(self._body.model.vis.global_.fovy))
         focal_px = height / 2 / math.tan(fovy / 2)
         x = float(offset @ right)
         y = float(offset @ up)
-        # Rows count downwards.
+        # Rows of an image count downwards, which reverses the sign of y.
         column = width / 2 + focal_px * x / depth
         row = height / 2 - focal_px * y / depth
         return round(column), round(row)
@@ -362,7 +362,8 @@ class Filmed:
         """Advance the body; then take an image if one is due."""
         self._body.advance_to(time_ms)
         if time_ms >= self._due_ms:
-            # From when it was due, not from now, or a film would run slower than the robot.
+            # The next frame is due after the last one was due. Counting from now would make the
+            # film slower than the robot.
             self._due_ms += self._frame_ms
             self._on_image(self._render())
 
@@ -393,7 +394,8 @@ def filmed(body: Body, path: Path) -> Iterator[Body]:
     check_film(path)
     width, height = SIZE
     fps = 1000 / _FRAME_MS
-    # The writer is closed, not entered: the film is kept even if the program raises.
+    # `closing` is used instead of `with writer`, because the film is kept even if the program
+    # raises.
     with Renderer(body, width, height) as renderer, closing(VideoWriter(path, fps)) as video:
         video.add(renderer.render())
         yield Filmed(

@@ -1,0 +1,112 @@
+"""A robot on a board: the ghost at its goal, and a real robot from its sensors."""
+
+from __future__ import annotations
+
+import threading
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from brickhub.robot import DriveBase, HubKind, Motor, Robot
+from bricksrl.envs.registry import get_task
+from bricksrl.page.board import Board
+from bricksrl.page.robot_view import RobotView
+from bricktwin.robots import ROBO_ARM, TWO_WHEELER, WALKER, plans
+from bricktwin.robots.planned import robot_of_plan
+from bricktwin.twin.linkage import pose_at, sensed_qpos
+from bricktwin.twin.make_body import make_body
+from bricktwin.twin.scene import OPEN_FLOOR
+from bricktwin.view.mirror import Mirror
+
+
+@pytest.mark.parametrize("env_id", ["RoboArm-v0", "Park-v0", "Walker-v1"])
+def test_goal_is_drawn_as_a_ghost_of_the_robot(env_id: str) -> None:
+    """One that has reached its goal is where its ghost is."""
+    task = get_task(env_id)
+    observation = [0.5 * (entry.low + entry.high) for entry in task.entries]
+    goal = task.goal(observation)
+    assert (goal is None) == (env_id == "Walker-v1")
+    if goal is None:
+        return
+    mirror, body = (
+        Mirror(make_body(task.robot, scene=task.scene)),
+        make_body(task.robot, scene=task.scene),
+    )
+    pose_at(body, goal)
+    names = [one.name for one in mirror.drawing.bodies]
+    seen = dict(zip(names, mirror.poses(body.data.qpos, goal), strict=True))
+    ghosts = [name for name in names if name.startswith("goal ")]
+    assert len(ghosts) > 1 and {
+        s.colour[3] for one in mirror.drawing.bodies if one.name in ghosts for s in one.shapes
+    } == {0.45}
+    for name in ghosts:
+        assert np.allclose(seen[name], seen[name.removeprefix("goal ")], atol=1e-5)
+    away = mirror.poses(make_body(task.robot, scene=task.scene).data.qpos, goal)
+    assert np.array_equal(away[-1], seen[names[-1]]), "it stays while the robot moves"
+
+
+@pytest.mark.parametrize("robot", [WALKER, TWO_WHEELER, ROBO_ARM])
+def test_pose_follows_sensors(robot) -> None:
+    """Sensor values of one twin give another the same pose."""
+    body, mirror = make_body(robot), Mirror(make_body(robot))
+    for port, voltage in zip(
+        (motor.port for motor in robot.motors), (3000, -2500, 2000, -3500), strict=False
+    ):
+        body.set_voltage(port, voltage)
+    for time_ms in range(10, 600, 10):
+        body.advance_to(time_ms)
+    body.update_visuals()
+    angles = {
+        m.name: body.angle_mdeg(m.port) / 1000 * m.direction.value * m.turn_deg / 360
+        for m in robot.motors
+    }
+    seen = sensed_qpos(mirror.body, angles, body.tilt_deg())
+    for joint in range(body.model.njnt):
+        if body.model.jnt_type[joint] == 3 and "backlash" not in body.model.joint(joint).name:
+            address = int(body.model.jnt_qposadr[joint])
+            # a rotation sensor tells whole degrees, a crank has some play
+            apart = (seen[address] - body.data.qpos[address] + np.pi) % (2 * np.pi) - np.pi
+            assert abs(apart) < np.radians(7.0), body.model.joint(joint).name
+    lowest = min(mirror.poses(seen)[:, 2])
+    assert -0.01 < lowest < 0.2
+
+
+MOTORS = (Motor("left", "A"), Motor("right", "B"))
+
+
+def shown(robot: Robot) -> Board:
+    """A board with a real robot's pose."""
+    board = Board()
+    RobotView(board, threading.Event(), lambda: 1.0).show_sensed(
+        robot, OPEN_FLOOR, {"left": 10.0, "right": 20.0}, (0.0, 0.0)
+    )
+    return board
+
+
+@pytest.mark.parametrize(
+    "robot",
+    [
+        robot_of_plan(Path(plans.__path__[0]) / "two_wheeler.ldr"),
+        Robot("driving", HubKind.PRIME, MOTORS, drive_base=DriveBase("left", "right", 56, 130)),
+    ],
+)
+def test_real_robot_is_drawn_from_plan_or_drive_base(robot: Robot) -> None:
+    board = shown(robot)
+    assert "no_scene" not in board.status[1]
+    assert callable(board.poses[1]) and np.isfinite(board.poses[1]()[0]).all()
+
+
+@pytest.mark.parametrize(
+    ("robot", "says"),
+    [
+        (Robot("bench", HubKind.PRIME, MOTORS), "no model to draw"),
+        (
+            Robot("narrow", HubKind.PRIME, MOTORS, drive_base=DriveBase("left", "right", 8, 130)),
+            "leave no room for its motors",
+        ),
+    ],
+)
+def test_page_says_why_real_robot_is_not_drawn(robot: Robot, says: str) -> None:
+    board = shown(robot)
+    assert says in board.status[1]["no_scene"] and board.poses[1] is None

@@ -1,0 +1,54 @@
+"""``bricktwin site``: the hub, robots and their physics for a browser."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+from tyro.conf import UseAppendAction
+
+from brickhub.cli.terminal import print_line
+from brickhub.errors import counted
+from brickhub.options import Existing, option
+from brickhub.user_files import check_there
+
+
+@dataclass(frozen=True)
+class MakeSite:
+    """Make a folder of plain files that is a site: a hub, robots and their physics, in a browser's
+      tab.
+
+      Put the folder on any web space (https), or on a stick, where `python serve.py` in it starts
+      site. It needs no other server, and works offline after the first visit. npm (Node.js) fetches
+      what it is made of, once.
+
+      Examples:
+        bricktwin site --out site
+        bricktwin site --out site --robot my_robot.ldr
+    bricktwin site --out site --policies exported
+    """
+
+    out: Annotated[Path, option(metavar="FOLDER")]
+    """Folder of the site: new, empty, or a site, which is replaced."""
+    policies: Annotated[Path | None, option(metavar="FOLDER")] = None
+    """Folder of hub programs, NAME.py, as `bricksrl export --format hub` writes them, that are
+    offered beside ours."""
+
+    robot: Annotated[
+        UseAppendAction[tuple[str, ...]], option(metavar="ROBOT"), Existing(check_there)
+    ] = ()
+    """Robot that is offered beside ours: a building plan, my_robot.ldr, or my_robot.py. May be
+    repeated."""
+
+    def execute(self) -> int:
+        from brickhub.target import find
+        from bricktwin.site.build import build_site
+        from bricktwin.site.robots import OWN
+
+        own = [find(name).robot for name in self.robot]
+        files = build_site(self.out, (*own, *OWN), self.policies)
+        size_mb = sum(path.stat().st_size for path in files) / 1e6
+        print_line(f"{self.out}: {counted(len(files), 'file')}, {size_mb:.1f} MB")
+        print_line(f"start it: python {self.out / 'serve.py'}")
+        return 0

@@ -1,0 +1,126 @@
+"""``bricktwin world``: the gallery of scenes; checks of pictures; pictures of the gallery."""
+
+import io
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+from tyro.conf import Positional
+
+from brickhub.cli.terminal import print_line
+from brickhub.errors import counted
+from brickhub.files import write_durably
+from brickhub.options import option
+from bricktwin.target import load_scene, picture_and_size
+from bricktwin.twin.picture import faults_of_picture
+from bricktwin.worlds import WORLDS, summary
+
+_WIDTH_PX = 480
+_HEIGHT_PX = 300
+_FOVY_DEG = 29.0
+_COLORS = 96
+"""Colours of a picture: few, as the documentation has many pictures."""
+
+
+@dataclass(frozen=True)
+class ListWorlds:
+    """List the worlds that --scene knows, a line each.
+
+    Examples:
+      bricktwin world list
+    """
+
+    def execute(self) -> None:
+        for name in WORLDS:
+            print_line(f"{name:16}{summary(name)}")
+
+
+@dataclass(frozen=True)
+class CheckWorld:
+    """Check a picture that is to be the floor: its file, size and proportions, how fine it is.
+
+    One line per finding, with advice; exit code 1 if there are any.
+
+    Examples:
+      bricktwin world check mat.png:fll
+      bricktwin world check course.png:1000x700
+    """
+
+    picture: Annotated[
+        Positional[str],
+        option(
+            metavar="FILE:SIZE", help="An image with its size in mm, mat.png:1000x700, or :fll."
+        ),
+    ]
+
+    def execute(self) -> int:
+        path, size_mm = picture_and_size(self.picture)
+        faults = faults_of_picture(path, size_mm)
+        for fault in faults:
+            print_line(fault)
+        if faults:
+            return 1
+        width_mm, height_mm = size_mm
+        print_line(f"{path} on {width_mm:g} x {height_mm:g} mm: all is well")
+        return 0
+
+
+@dataclass(frozen=True)
+class DrawWorlds:
+    """Draw worlds as PNG files, with the scout at its start.
+
+    Examples:
+      bricktwin world draw --out pictures
+      bricktwin world draw maze sumo --out pictures
+    """
+
+    scenes: Annotated[
+        Positional[tuple[str, ...]],
+        option(
+            metavar="SCENE", help="Worlds or other scenes, as of --scene; by default all worlds."
+        ),
+    ] = ()
+    out: Annotated[Path, option(metavar="FOLDER")] = Path()
+    """Folder for the files, a NAME.png each."""
+
+    def execute(self) -> None:
+        for name in self.scenes or WORLDS:
+            # The file of a picture, and of a scene in a file, is named by it.
+            path = self.out / f"{Path(name).name.replace(':', '_')}.png"
+            data = picture_of(name)
+            write_durably(path, data)
+            print_line(f"{path}: {len(data) / 1000:.0f} kB")
+        print_line(f"{counted(len(self.scenes or WORLDS), 'picture')} in {self.out}")
+
+
+def picture_of(scene: str) -> bytes:
+    """PNG file of a scene with the scout at its start. Raises TwinError where nothing can be
+    drawn."""
+    from PIL import Image
+
+    from bricktwin import robots
+    from bricktwin.twin.mujoco_body import MujocoBody
+    from bricktwin.twin.physics import Physics
+    from bricktwin.twin.render.opengl import Renderer
+
+    body = MujocoBody(
+        robots.SCOUT,
+        load_scene(scene),
+        Physics(),
+        0,
+    )
+    # Closer than the camera of films, which has to show where a robot may go.
+    body.model.camera("overview").fovy = _FOVY_DEG
+    # Twice as large, and made smaller, which smooths the edges of tape.
+    with Renderer(
+        body,
+        2 * _WIDTH_PX,
+        2 * _HEIGHT_PX,
+        "overview",
+        shadows=True,
+    ) as renderer:
+        drawn = Image.fromarray(renderer.render())
+    small = drawn.resize((_WIDTH_PX, _HEIGHT_PX), Image.Resampling.BOX)
+    file = io.BytesIO()
+    small.quantize(_COLORS).save(file, "PNG", optimize=True)
+    return file.getvalue()

@@ -1,0 +1,103 @@
+"""Robots of a site: for each robot and world a file with its physics and how it is drawn."""
+
+import gzip
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from brickhub.files import as_file_name
+from brickhub.robot import Robot
+from bricktwin.robots import ROBO_ARM, SCOUT, TWO_WHEELER, WALKER
+from bricktwin.site.robot_files import robot_file
+from bricktwin.twin.make_body import make_body
+from bricktwin.twin.mujoco_body import MujocoBody
+from bricktwin.twin.scene import OPEN_FLOOR, Scene
+from bricktwin.view.body_drawing import drawing_of
+from bricktwin.view.drawing import poses
+from bricktwin.worlds import WORLDS, world
+
+PACKED = ".packed"
+"""Ending of a file that is stored in gzip's format."""
+OWN = (TWO_WHEELER, WALKER, SCOUT, ROBO_ARM)
+_TITLES = {"two-wheeler": "2Wheeler", "walker": "Walker", "scout": "Scout", "robo-arm": "RoboArm"}
+_OPEN = "open floor"
+# A robot that does not drive is offered what it can be put into as it is.
+_WITHOUT_WHEELS = ("wall",)
+
+
+def write_robots(
+    site: Path,
+    robots: Sequence[Robot],
+    worlds_of_drivers: Sequence[str] = tuple(WORLDS),
+) -> list[dict[str, Any]]:
+    """Write the files of robots into a site; returns its index: name and title of each robot, and
+    name, title and file of each of its worlds. Raises TwinError if a robot has no model.
+
+    Args:
+        site: its folder.
+        robots: to be offered.
+        worlds_of_drivers: worlds for robots that drive, beside the open floor.
+    """
+    index = []
+    for robot in robots:
+        worlds: dict[str, Scene] = {_OPEN: OPEN_FLOOR}
+        if robot.drive_base is not None:
+            worlds.update({name: world(name) for name in worlds_of_drivers})
+        elif robot.needs_imu:
+            worlds.update({name: world(name) for name in _WITHOUT_WHEELS})
+        folder = f"robots/{as_file_name(robot.name)}"
+        (site / folder).mkdir(parents=True)
+        index.append(
+            {
+                "name": robot.name,
+                "title": _TITLES.get(robot.name, robot.name),
+                "meshes": f"{folder}/meshes.json",
+                "worlds": _write_worlds(site, folder, robot, worlds),
+            }
+        )
+    return index
+
+
+def _write_worlds(
+    site: Path,
+    folder: str,
+    robot: Robot,
+    worlds: dict[str, Scene],
+) -> list[dict[str, str]]:
+    """Write a robot's meshes, and a file for each world, which names meshes by their numbers."""
+    meshes: list[dict[str, str]] = []
+    index = []
+    for name, scene in worlds.items():
+        body = make_body(robot, scene=scene)
+        # Robots of a site have a model, or `robot_file` says what is missing.
+        file = robot_file(robot, scene)
+        assert isinstance(body, MujocoBody)  # noqa: S101
+        described = drawing_of(body).described()
+        is_first = not meshes
+        if is_first:
+            # Those of the robot itself are in all of its worlds.
+            meshes = described["meshes"]
+            write_packed(site / folder / "meshes.json", meshes)
+        described["meshes"] = [
+            meshes.index(mesh) if mesh in meshes else mesh for mesh in described["meshes"]
+        ]
+        title = name.replace("-", " ")
+        path = f"{folder}/{as_file_name(name)}.json"
+        write_packed(site / path, {"robot": file, "drawing": described, "start": _start(body)})
+        index.append({"name": name, "title": title, "file": path})
+    return index
+
+
+def _start(body: MujocoBody) -> list[float]:
+    """Frame of the drawing with the robot at its start."""
+    body.update_visuals()
+    numbers = [drawn.model_body for drawn in drawing_of(body).bodies]
+    frame = poses(body.data.xpos[numbers], body.data.xquat[numbers])
+    return [round(value, 5) for value in frame.ravel().tolist()]
+
+
+def write_packed(path: Path, content: object) -> None:
+    """Store values as compressed JSON, under ``path`` with another ending."""
+    text = json.dumps(content, ensure_ascii=False, separators=(",", ":"))
+    path.with_name(path.name + PACKED).write_bytes(gzip.compress(text.encode(), 9, mtime=0))

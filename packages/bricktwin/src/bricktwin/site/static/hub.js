@@ -1,0 +1,104 @@
+// Hub in a tab: a worker with Python that runs one program at a time, and its end, however the program behaves.
+
+import { Mailbox } from "./mailbox.js";
+
+const PATIENCE_MS = 70, LAST_MS = 160, STOPPED_CODE = 130;
+const SIGINT = 2;
+const UNSTOPPABLE_S = 300; // without a way in, a run is computed at once, and has to end by itself
+
+export class Hub {
+  // `on`: functions ready(), happened(events, frames), ended(code), failed(text).
+  constructor(on) {
+    this.on = on;
+    this.hasWayIn = Mailbox.isPossible();
+    this.spare = null;
+    this.takeWorker();
+  }
+
+  get isReady() {
+    return this.worker.isReady;
+  }
+
+  takeWorker() {
+    this.worker = this.spare ?? this.makeWorker();
+    this.spare = null;
+    if (this.worker.isReady) this.on.ready();
+  }
+
+  makeWorker() {
+    const worker = new Worker("./worker.js", { type: "module" });
+    const entry = { worker, isReady: false, isRunning: false, mailbox: null, interrupt: null };
+    if (this.hasWayIn) {
+      entry.mailbox = Mailbox.create();
+      entry.interrupt = new Uint8Array(new SharedArrayBuffer(1));
+    }
+    worker.onmessage = ({ data }) => this.hear(entry, data);
+    worker.onerror = (event) => this.hear(entry, { kind: "failed", text: event.message || "the worker has not started" });
+    worker.postMessage({ kind: "start", memory: entry.mailbox?.memory, interrupt: entry.interrupt });
+    return entry;
+  }
+
+  hear(entry, message) {
+    if (entry === this.spare) entry.isReady ||= message.kind === "ready";
+    if (entry !== this.worker) return;
+    if (message.kind === "ready") {
+      entry.isReady = true;
+      this.on.ready();
+    } else if (message.kind === "happened") {
+      this.on.happened(message.events ? JSON.parse(message.events) : [], message.frames);
+    } else if (message.kind === "ended") this.end(message.code);
+    else if (message.kind === "failed") this.fail(message.text);
+  }
+
+  run(request) {
+    const entry = this.worker;
+    entry.isRunning = true;
+    entry.mailbox?.empty();
+    if (!this.hasWayIn) {
+      request = { ...request, time_limit_s: UNSTOPPABLE_S };
+      this.spare ??= this.makeWorker();
+    }
+    entry.worker.postMessage({ kind: "run", request });
+  }
+
+  // How far simulated time may go, ms.
+  allow(ms) {
+    if (this.worker.isRunning) this.worker.mailbox?.allow(ms);
+  }
+
+  send(message) {
+    if (this.worker.isRunning) this.worker.mailbox?.send(message);
+  }
+
+  // First the hub's own way, then Python's, then the worker's end.
+  stop() {
+    const entry = this.worker;
+    if (!entry.isRunning) return;
+    if (!this.hasWayIn) return this.giveUp(entry);
+    entry.mailbox.send({ kind: "stop" });
+    const isStill = () => entry === this.worker && entry.isRunning;
+    setTimeout(() => isStill() && (entry.interrupt[0] = SIGINT), PATIENCE_MS);
+    setTimeout(() => isStill() && this.giveUp(entry), LAST_MS);
+  }
+
+  giveUp(entry) {
+    entry.worker.terminate();
+    this.on.happened([{ kind: "err", ms: 0, text: "The program was stopped (SystemExit).\n" }], new Float32Array());
+    this.end(STOPPED_CODE);
+    this.takeWorker();
+  }
+
+  end(code) {
+    this.worker.isRunning = false;
+    if (this.worker.interrupt) this.worker.interrupt[0] = 0;
+    this.on.ended(code);
+  }
+
+  fail(text) {
+    const wasReady = this.worker.isReady;
+    this.worker.worker.terminate();
+    this.worker.isRunning = false;
+    this.on.failed(text, wasReady);
+    if (wasReady) this.takeWorker(); // else it would fail again and again
+  }
+}

@@ -1,0 +1,289 @@
+// The page: what belongs together is wired up here.
+
+import { Bench } from "./bench.js";
+import { Board } from "./board.js";
+import { Hub } from "./hub.js";
+import { isolate, keepForOffline } from "./isolation.js";
+import { FAST, Player } from "./player.js";
+import { errorsOf, Printed } from "./printed.js";
+import { linkOf, Programs, programOf, saveFile } from "./programs.js";
+import { Stage } from "./stage.js";
+
+const ROW = 8; // numbers of a frame before the poses of the robot's bodies
+const byId = (id) => document.getElementById(id);
+const json = async (name) => (await fetch(name)).json();
+
+async function begin() {
+  const state = new State();
+  const programs = new Programs();
+  let wanted = null; // a run that waits for Python
+  let errors = ""; // what the hub says about an error, as far as it has come
+
+  const hub = new Hub({
+    ready() {
+      if (!state.isBusy) state.set("ready");
+      if (wanted) run(...wanted);
+      keepForOffline();
+    },
+    happened: (events, frames) => player.add(events, frames),
+    ended(code) {
+      player.end(state.isStopping || player.rate === FAST);
+      state.code = code;
+    },
+    failed(text, wasReady) {
+      player.end(true);
+      state.set("failed");
+      note(wasReady
+        ? `The program was too much for this browser (${text}). Python starts again; nothing is lost.`
+        : `Python could not start here (${text}). Load the page again, or try another browser: Chrome, Edge, Firefox 114 or Safari 16.4, or newer.`);
+    },
+  });
+  const robots = await json("robots.json");
+  const stage = new Stage({
+    robot: byId("robot"), world: byId("world"), view: byId("view"), canvas: byId("scene"), metres: byId("metres"),
+    follow: byId("follow"), home: byId("home"), pull: byId("pull"),
+  }, { robots, onPull: (message) => hub.send(message), onChoice: chooseRobot });
+  // The robot is there first: it is looked at while Python and the editor come.
+  const isNew = !programs.current;
+  const shown = stage.choose(programs.robot || robots[0]?.name, programs.world);
+  const [names, devices, examples, { Editor }] = await Promise.all([json("pybricks.json"), json("devices.json"), json("programs.json"), import("./editor.js")]);
+  await shown;
+
+  const bench = new Bench(byId("bench"), { devices, onReading: (reading) => hub.send({ kind: "reading", reading }) });
+  const board = new Board(byId("hub"), { hubs: devices.hubs, onButton: (message) => hub.send(message) });
+  const printed = new Printed(byId("console"));
+  const player = new Player({
+    allow: (ms) => hub.allow(ms),
+    frame(row) {
+      bench.turn(row);
+      stage.frame(row.subarray(ROW));
+    },
+    panel: (panel) => board.show(panel),
+    time: showTime,
+    caughtUp: finish,
+    event(event) {
+      if (event.kind === "out") printed.out(event.text);
+      else if (event.kind === "devices") bench.tell(event.devices);
+      else if (event.kind === "file") offerFile(event);
+      else if (event.kind === "err" || event.kind === "note") {
+        printed.append(event.text, event.kind);
+        if (event.kind === "err") errors += event.text;
+      }
+    },
+  });
+  const editor = new Editor(byId("editor"), { names, onChange: edited, onRun: () => run() });
+
+  function edited(source) {
+    if (!programs.write(source)) note("This browser does not keep your programs; save them as files.");
+    editor.show([]);
+    say("");
+    bench.take(source);
+    board.take(source);
+  }
+
+  function showProgram() {
+    byId("programs").replaceChildren(...Object.keys(programs.files).map((name) => new Option(name, name, false, name === programs.current)));
+    editor.load(programs.source);
+    bench.take(programs.source);
+    board.take(programs.source);
+    say("");
+    note("");
+    byId("more").open = false;
+  }
+
+  function run() {
+    if (state.isBusy) return;
+    note("");
+    if (!hub.isReady) {
+      wanted = [];
+      state.set("starting");
+      return;
+    }
+    wanted = null;
+    errors = "";
+    say("");
+    editor.show([]);
+    printed.clear();
+    byId("files").replaceChildren();
+    byId("save-output").hidden = true;
+    board.sound.allow();
+    player.clear(ROW + stage.width);
+    state.set("running");
+    hub.run({ robot: stage.file, files: programs.files, name: programs.current, readings: bench.settings, stdin: byId("stdin").value });
+    player.begin();
+    setPaused(false);
+  }
+
+  async function chooseRobot(robot, world) {
+    stop();
+    Object.assign(programs, { robot, world });
+    programs.keep();
+    player.clear(ROW);
+    await stage.choose(robot, world);
+  }
+
+  function stop() {
+    wanted = null;
+    if (player.isRunning) {
+      state.isStopping = true;
+      hub.stop();
+    } else player.end(true);
+    player.isPlaying = true;
+  }
+
+  // The run has ended, and has been shown to its end.
+  function finish() {
+    board.show(null);
+    state.set(state.isStopping || state.code === 130 ? "stopped" : state.code ? "error" : "finished");
+    byId("save-output").hidden = !printed.text;
+    const found = errorsOf(errors, programs.current);
+    editor.show(found);
+    if (found.length) say(`Line ${found[0].line}: ${found[0].message}`);
+    else if (state.code && state.code !== 130) say(errors.trim().split("\n").at(-1) ?? "");
+  }
+
+  function offerFile({ name, text }) {
+    const button = document.createElement("button");
+    button.type = "button";
+    button.textContent = `Save ${name}`;
+    button.onclick = () => saveFile(name, Uint8Array.from(text, (byte) => byte.charCodeAt(0)));
+    byId("files").append(button);
+  }
+
+  function showTime(ms, latest_ms) {
+    byId("clock").textContent = `${(ms / 1000).toFixed(1)} s`;
+    const scrub = byId("scrub");
+    scrub.max = latest_ms;
+    if (document.activeElement !== scrub || player.isPlaying) scrub.value = ms;
+  }
+
+  function setPaused(isPaused) {
+    player.isPlaying = !isPaused;
+    byId("pause").setAttribute("aria-pressed", isPaused);
+    byId("pause").textContent = isPaused ? "▶" : "❚❚";
+    byId("pause").title = isPaused ? "Let time go on" : "Pause time";
+    if (state.isBusy) state.set(isPaused ? "paused" : "running");
+  }
+
+  // An example brings the robot that it is for.
+  function takeExample({ name, source, robot, world }) {
+    programs.add(name, source);
+    showProgram();
+    if (robots.some((one) => one.name === robot) || robot === "bench") chooseRobot(robot, world ?? "");
+  }
+
+  byId("run").onclick = run;
+  byId("stop").onclick = stop;
+  byId("pause").onclick = () => {
+    // A run that is over is shown again from its beginning.
+    if (player.isCaughtUp && player.clock_ms >= player.latest_ms) player.seek(0);
+    setPaused(player.isPlaying);
+  };
+  byId("step").onclick = () => {
+    setPaused(true);
+    player.step(100);
+  };
+  byId("scrub").oninput = () => {
+    setPaused(true);
+    player.seek(Number(byId("scrub").value));
+  };
+  byId("rate").onchange = () => (player.rate = byId("rate").value === "fast" ? FAST : Number(byId("rate").value));
+  byId("mute").onchange = () => (board.sound.isMuted = byId("mute").checked);
+  byId("programs").onchange = () => {
+    programs.current = byId("programs").value;
+    programs.keep();
+    showProgram();
+  };
+  byId("examples").append(...examples.map(({ title }, i) => new Option(title, i)));
+  byId("examples").onchange = () => {
+    const example = examples[byId("examples").value];
+    byId("examples").value = "";
+    if (!example) return;
+    takeExample(example);
+  };
+  byId("new").onclick = () => {
+    programs.add("main.py", "from pybricks.hubs import PrimeHub\nfrom pybricks.tools import wait\n\nhub = PrimeHub()\n\nhub.display.char(\"A\")\nwait(2000)\n");
+    showProgram();
+  };
+  byId("rename").onclick = () => {
+    const name = prompt("Name of the program", programs.current);
+    if (name) programs.rename(name);
+    showProgram();
+  };
+  byId("remove").onclick = () => {
+    if (!confirm(`Delete ${programs.current}?`)) return;
+    programs.remove();
+    if (!programs.current) programs.add(examples[0].name, examples[0].source);
+    showProgram();
+  };
+  byId("open").onclick = () => byId("file").click();
+  byId("file").onchange = async () => {
+    for (const file of byId("file").files) programs.add(file.name, await file.text());
+    byId("file").value = "";
+    showProgram();
+  };
+  byId("save").onclick = () => saveFile(programs.current, programs.source);
+  byId("save-output").onclick = () => saveFile(programs.current.replace(/\.py$/, ".txt"), printed.text);
+  byId("share").onclick = async () => {
+    const link = await linkOf({ name: programs.current, source: programs.source, robot: programs.robot, world: programs.world });
+    byId("more").open = false;
+    try {
+      await navigator.clipboard.writeText(link);
+      note("The link is copied. Whoever opens it gets this program.");
+    } catch {
+      note(`The link: ${link}`);
+    }
+  };
+  state.onChange = (name) => {
+    byId("run").disabled = state.isBusy;
+    byId("stop").disabled = !state.isBusy && !wanted;
+  };
+
+  const shared = await programOf(location.hash);
+  if (shared) {
+    programs.add(shared.name ?? "shared.py", shared.source);
+    history.replaceState(null, "", location.pathname + location.search);
+    if (shared.robot) chooseRobot(shared.robot, shared.world ?? "");
+  } else if (isNew) programs.add(examples[0].name, examples[0].source);
+  showProgram();
+  if (shared) note("This program came with the link. Look at it, then press Run.");
+  if (!hub.hasWayIn) note("This browser, or the address (it needs https), gives no way into a running program: sliders and buttons act from the next run on.");
+  // Who comes for the first time sees what happens here; what somebody else has sent is not run unasked.
+  if (isNew && !shared) run();
+  // Tests look whether the page is there.
+  document.body.dataset.page = "there";
+}
+
+function note(text) {
+  byId("note").textContent = text;
+  byId("note").hidden = !text;
+}
+
+function say(text) {
+  byId("error").textContent = text;
+  byId("error").hidden = !text;
+}
+
+// What the page does now, and its word for it.
+class State {
+  constructor() {
+    this.name = "starting";
+    this.code = 0;
+    this.isStopping = false;
+    this.onChange = () => {};
+  }
+
+  get isBusy() {
+    return this.name === "running" || this.name === "paused";
+  }
+
+  set(name) {
+    if (name === "running" && this.name !== "paused") this.isStopping = false;
+    this.name = name;
+    byId("state").textContent = name;
+    byId("state").className = `chip ${name}`;
+    this.onChange(name);
+  }
+}
+
+if (await isolate()) await begin();

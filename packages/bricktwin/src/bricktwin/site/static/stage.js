@@ -1,0 +1,84 @@
+// Stage: the chosen robot in its world, drawn at once from its file, then as the run's frames say.
+
+import { fetchPacked } from "./packed.js";
+import { Scene3D } from "./view/scene3d.js";
+
+const BENCH = "bench";
+
+export class Stage {
+  // `robots`: robots.json. `onPull`: called with a message when somebody pulls.
+  constructor(elements, { robots, onPull, onChoice }) {
+    Object.assign(this, elements);
+    this.robots = robots;
+    this.onPull = onPull;
+    this.scene = null;
+    this.shown = null;
+    this.robot.append(...robots.map(({ name, title }) => new Option(title, name)), new Option("No robot: the bench", BENCH));
+    this.robot.onchange = () => onChoice(this.robot.value, "");
+    this.world.onchange = () => onChoice(this.robot.value, this.world.value);
+    this.follow.onchange = () => this.scene && (this.scene.follows = this.follow.checked);
+    this.home.onclick = () => this.scene?.home();
+  }
+
+  // File of what is on the stage; null for the bench.
+  get file() {
+    return this.shown;
+  }
+
+  // Numbers of a frame of its bodies.
+  get width() {
+    return this.shown && this.drawing ? 7 * this.drawing.bodies.length : 0;
+  }
+
+  // Show a robot in a world; what is not there becomes the first there is.
+  async choose(robotName, worldName) {
+    const robot = this.robots.find(({ name }) => name === robotName);
+    this.robot.value = robot ? robot.name : BENCH;
+    const worlds = robot?.worlds ?? [], world = worlds.find(({ name }) => name === worldName) ?? worlds[0];
+    this.world.replaceChildren(...worlds.map(({ name, title }) => new Option(title, name, false, name === world.name)));
+    this.world.parentElement.hidden = worlds.length < 2;
+    this.view.hidden = !robot;
+    this.shown = world?.file ?? null;
+    if (!robot) return;
+    const file = this.shown, read = async (name) => (await fetchPacked(name)).json();
+    const [{ drawing, start }, meshes] = await Promise.all([read(file), read(robot.meshes)]);
+    if (file !== this.shown) return; // another one was chosen meanwhile
+    // Those of the robot are in one file for all of its worlds, which name them by their numbers.
+    drawing.meshes = drawing.meshes.map((mesh) => (typeof mesh === "number" ? meshes[mesh] : mesh));
+    this.load(drawing, new Float32Array(start));
+  }
+
+  load(drawing, start) {
+    this.drawing = drawing;
+    try {
+      this.scene ??= this.makeScene();
+    } catch (error) {
+      this.view.textContent = `The robot cannot be drawn: ${error.message}. Its program runs all the same.`;
+      return;
+    }
+    this.scene.load(drawing);
+    this.scene.setPoses(start);
+  }
+
+  makeScene() {
+    const scene = new Scene3D(this.canvas, this.metres);
+    scene.follows = this.follow.checked;
+    scene.onPull = (body, point, from, to) => {
+      if (body < 0) {
+        this.pull.hidden = true;
+        this.onPull({ kind: "release-pull" });
+        return;
+      }
+      const way = [to[0] - from[0], to[1] - from[1]];
+      this.pull.hidden = false;
+      Object.assign(this.pull.style, { left: `${from[0]}px`, top: `${from[1]}px`, width: `${Math.hypot(...way)}px`, transform: `rotate(${Math.atan2(way[1], way[0])}rad)` });
+      this.onPull({ kind: "pull", body: this.drawing.bodies[body].model_body, at: point });
+    };
+    return scene;
+  }
+
+  // A frame of the run, whose first numbers are of the hub.
+  frame(poses) {
+    if (poses.length) this.scene?.setPoses(poses);
+  }
+}

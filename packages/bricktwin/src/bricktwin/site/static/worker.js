@@ -1,0 +1,111 @@
+// Worker of one hub: Python, the houses of this project, the hub's compiler and the robot's physics. It runs one program at a
+// time, which blocks it: what comes meanwhile comes through the mailbox.
+
+import { loadPyodide } from "./pyodide/pyodide.mjs";
+import MpyCross from "./mpy_cross.js";
+import { Mailbox } from "./mailbox.js";
+import { fetchPacked } from "./packed.js";
+import { Physics } from "./physics.js";
+
+const HOUSES = "/houses", PATIENCE_MS = 50, ROW = 8;
+const say = (kind, values = {}, transfer = []) => postMessage({ kind, ...values }, transfer);
+let python = null, runInTab = null, bodyInTab = null, readJson = null, mailbox = null;
+let mujoco = null, physics = null; // once a robot is chosen
+let poses = []; // of the frames since the last post
+
+// What Python calls; see tab/page.py.
+const page = {
+  frame: () => physics && poses.push(physics.poses()),
+  post(events, rows) {
+    const bytes = rows.toJs();
+    rows.destroy();
+    const frames = withPoses(new Float32Array(bytes.buffer, bytes.byteOffset, bytes.byteLength / 4));
+    say("happened", { events, frames }, [frames.buffer]);
+  },
+  take: () => (mailbox ? mailbox.take() : ""),
+  may_go_on: (ms) => !mailbox || mailbox.mayGoOn(ms, PATIENCE_MS),
+};
+
+async function start({ memory, interrupt }) {
+  if (memory) mailbox = new Mailbox(memory);
+  // Pyodide asks for its parts by name; those that are stored compressed are unpacked here.
+  const plainFetch = globalThis.fetch.bind(globalThis);
+  globalThis.fetch = (resource, options) => {
+    const url = String(resource.url ?? resource);
+    return /\.(wasm|zip)$/.test(url) ? fetchPacked(url) : plainFetch(resource, options);
+  };
+  const here = (name) => new URL(name, import.meta.url).href;
+  const [pyodide, houses, compiler] = await Promise.all([
+    loadPyodide({ indexURL: here("./pyodide/") }),
+    plainFetch(here("houses.zip")).then((response) => response.arrayBuffer()),
+    fetchPacked(here("mpy-cross-v6.wasm")).then((response) => response.arrayBuffer()).then(WebAssembly.compile),
+  ]);
+  python = pyodide;
+  if (interrupt) python.setInterruptBuffer(interrupt);
+  python.unpackArchive(houses, "zip", { extractDir: HOUSES });
+  python.runPython(`import sys; sys.path.insert(0, "${HOUSES}")`);
+  python.pyimport("bricktwin.site.tab.mpy_cross").put_in_place((name, source, options) => compile(compiler, name, source, options.toJs()));
+  runInTab = python.pyimport("bricktwin.site.tab.run").run_in_tab;
+  bodyInTab = python.pyimport("bricktwin.site.tab.robot_file").body_in_tab;
+  readJson = python.pyimport("json").loads;
+  say("ready");
+}
+
+// The hub's compiler, which begins anew for each program; at once, as a program may compile while it runs.
+function compile(module, name, source, options) {
+  let result = [1, undefined, "the compiler has ended without a word"];
+  MpyCross({
+    arguments: [...options, name],
+    inputFileContents: source,
+    instantiateWasm(imports, receive) {
+      const instance = new WebAssembly.Instance(module, imports);
+      receive(instance, module);
+      return instance.exports;
+    },
+    callback: (status, mpy, _out, report) => (result = [status, mpy, report.join("\n")]),
+  });
+  const [status, mpy, report] = result;
+  return python.toPy([status, mpy, report]);
+}
+
+// The rows of the hub, each with the poses of its moment.
+function withPoses(rows) {
+  if (!poses.length) return rows.slice();
+  const width = ROW + poses[0].length, frames = new Float32Array(width * poses.length);
+  poses.forEach((row, i) => {
+    frames.set(rows.subarray(ROW * i, ROW * i + ROW), width * i);
+    frames.set(row, width * i + ROW);
+  });
+  poses = [];
+  return frames;
+}
+
+async function run({ robot, ...request }) {
+  physics?.end();
+  physics = null;
+  let body;
+  if (robot) {
+    mujoco ??= await loadMujoco();
+    const file = await (await fetchPacked(new URL(robot, import.meta.url).href)).json();
+    physics = new Physics(mujoco, file);
+    body = bodyInTab(readJson(JSON.stringify(file.robot)), physics.engine);
+  }
+  const code = runInTab(JSON.stringify(request), page, body);
+  body?.destroy();
+  say("ended", { code });
+}
+
+async function loadMujoco() {
+  const { default: load } = await import("./mujoco.js");
+  return load({ locateFile: (name) => new URL(name, import.meta.url).href });
+}
+
+onmessage = async ({ data }) => {
+  try {
+    if (data.kind === "start") await start(data);
+    if (data.kind === "run") await run(data.request);
+  } catch (error) {
+    // Python itself has given up, or a file is missing: this worker is of no use any more.
+    say("failed", { text: String(error?.message ?? error), stack: String(error?.stack ?? "") });
+  }
+};

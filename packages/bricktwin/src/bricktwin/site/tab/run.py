@@ -1,0 +1,171 @@
+"""Run of a program in a tab: ``brickhub run`` with the page in place of the terminal."""
+
+import io
+import json
+import shutil
+from collections.abc import Iterable, Mapping
+from contextlib import closing, suppress
+from pathlib import Path
+from typing import Any, BinaryIO, TextIO, cast
+
+from brickhub.errors import BricksError
+from brickhub.hub.program.program_files import ProgramFiles
+from brickhub.robot import Sense
+from brickhub.virtual.bench_body import FittedBench
+from brickhub.virtual.body import Body
+from brickhub.virtual.machine import Machine, Pace
+from brickhub.virtual.run import Operation, interruptible, run_file, stop_program
+from bricktwin.site.tab.page import Page
+from bricktwin.site.tab.recorder import FRAME_MS, Recorder
+
+FOLDER = Path("/programs")
+"""Where the page's programs are while one of them runs."""
+REFUSED_EXIT_CODE = 2
+"""Exit code of a run that cannot begin, as of the command."""
+STOPPED_EXIT_CODE = 130
+
+
+class _Output:
+    """A stream of the program, of which the page is told as it comes."""
+
+    def __init__(self, recorder: Recorder, kind: str) -> None:
+        self._recorder = recorder
+        self._kind = kind
+
+    def write(self, data: bytes | str, /) -> int:
+        # Bytes of any kind, one character each: what is no text stays what it is.
+        text = data if isinstance(data, str) else data.decode("latin-1")
+        self._recorder.tell(self._kind, text=text)
+        return len(data)
+
+    def flush(self) -> None:
+        """Nothing is kept here: the recorder posts what it has in time."""
+
+
+class _TabPace(Pace):
+    """Keeps simulated time to the page's clock, and does what the page asks for meanwhile."""
+
+    def __init__(
+        self,
+        machine: Machine,
+        page: Page,
+        recorder: Recorder,
+    ) -> None:
+        super().__init__()
+        self._machine = machine
+        self._page = page
+        self._recorder = recorder
+
+    def keep(self, time_ms: float) -> None:
+        if time_ms % FRAME_MS:
+            return
+        self._recorder.frame()
+        self._obey()
+        is_posted = False
+        while not self._page.may_go_on(int(time_ms)):
+            # What has happened so far is to be seen while the hub waits.
+            if not is_posted:
+                self._recorder.post()
+                is_posted = True
+            self._obey()
+
+    def _obey(self) -> None:
+        """Do what the page has sent."""
+        sent = self._page.take()
+        if sent:
+            for message in json.loads(sent):
+                obey(message, self._machine)
+
+
+def obey(message: Mapping[str, Any], machine: Machine) -> None:
+    """Do what a message says: a reading, a button, the stop of the program."""
+    match message["kind"]:
+        case "reading":
+            set_readings([message["reading"]], machine)
+        case "press":
+            machine.panel.hold(message["button"])
+        case "release":
+            machine.panel.release(message["button"])
+        case "stop":
+            stop_program()
+
+
+def set_readings(readings: Iterable[tuple[str, str, Any]], machine: Machine) -> None:
+    """Let sensors of a bench sense what is given by port and sense."""
+    bench = machine.body
+    if not isinstance(bench, FittedBench):
+        return
+    for port, sense, value in readings:
+        stimulus = tuple(value) if isinstance(value, list) else float(value)
+        bench.set_reading(port, Sense(sense), stimulus)
+
+
+def run_in_tab(
+    request_text: str,
+    page: Page,
+    body: Body | None = None,
+) -> int:
+    """Run one of the page's programs to its end; returns the exit code.
+
+    Args:
+        request_text: JSON with ``files`` (text by name), the ``name`` of the one to run,
+            ``readings`` (port, sense, value), ``stdin`` and ``time_limit_s``.
+        page: the page.
+        body: the robot; ``None`` for the bench.
+    """
+    request = json.loads(request_text)
+    recorder = Recorder(page)
+    errors = cast("TextIO", _Output(recorder, "err"))
+    output = cast("BinaryIO", _Output(recorder, "out"))
+    _write_programs(request["files"])
+
+    def attend(machine: Machine) -> None:
+        machine.panel.is_watched = True
+        machine.pace = _TabPace(machine, page, recorder)
+        set_readings(request["readings"], machine)
+        recorder.begin(machine)
+
+    def tell(line: str) -> None:
+        recorder.tell("note", text=f"{line}\n")
+
+    try:
+        with closing(ProgramFiles(output, FOLDER, tell)) as files, interruptible():
+            code = run_file(
+                FOLDER / request["name"],
+                body,
+                stdout=cast("BinaryIO", files),
+                stderr=errors,
+                stdin=io.StringIO(request["stdin"]) if request.get("stdin") else None,
+                time_limit_s=request.get("time_limit_s"),
+                operation=Operation(attend=attend),
+            )
+    except BricksError as error:
+        recorder.tell("err", text=f"error: {error}\n")
+        code = REFUSED_EXIT_CODE
+    except KeyboardInterrupt:
+        recorder.tell("err", text="The program was stopped (SystemExit).\n")
+        code = STOPPED_EXIT_CODE
+    finally:
+        recorder.frame()
+        _tell_written(request["files"], recorder)
+        recorder.post()
+    return code
+
+
+def _write_programs(files: Mapping[str, str]) -> None:
+    """Put the page's programs, and nothing else, into their folder."""
+    with suppress(FileNotFoundError):
+        shutil.rmtree(FOLDER)
+    FOLDER.mkdir(parents=True)
+    for name, source in files.items():
+        file = FOLDER / name
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text(source, encoding="utf-8")
+
+
+def _tell_written(files: Mapping[str, str], recorder: Recorder) -> None:
+    """Hand over files that the program has written."""
+    for path in sorted(FOLDER.rglob("*")):
+        name = path.relative_to(FOLDER).as_posix()
+        if path.is_file() and name not in files:
+            recorder.tell("file", name=name, text=path.read_bytes().decode("latin-1"))

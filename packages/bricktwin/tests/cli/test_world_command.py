@@ -1,0 +1,84 @@
+"""``bricktwin world``, and worlds and pictures as scenes of ``bricktwin run``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from PIL import Image
+
+from bricktwin.cli.run_command import Run
+from bricktwin.worlds import WORLDS
+
+SEES = """from pybricks.parameters import Port
+from pybricks.pupdevices import ColorSensor
+print(ColorSensor(Port.B).color())
+"""
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder with a program and a picture, half red, half blue."""
+    (tmp_path / "main.py").write_text(SEES)
+    image = Image.new("RGB", (800, 400), (200, 20, 20))
+    image.paste((20, 60, 190), (0, 0, 400, 400))
+    image.save(tmp_path / "mat.png")
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def test_worlds_are_listed_everywhere(bricktwin) -> None:
+    done = bricktwin("world", "list")
+    assert [line.split()[0] for line in done.out.splitlines()] == list(WORLDS)
+    help_text = " ".join(bricktwin("run", "--help").out.replace("│", " ").split())
+    for name in WORLDS:
+        assert f" {name}" in help_text, name
+    assert Run.__doc__ is not None
+
+
+def test_docs_show_each_world() -> None:
+    docs = Path(__file__).parents[4] / "docs"
+    page = (docs / "worlds.md").read_text(encoding="utf-8")
+    for name in WORLDS:
+        assert f"`{name}`" in page and f"images/worlds/{name}.png" in page, name
+        assert (docs / "images" / "worlds" / f"{name}.png").stat().st_size < 40_000
+
+
+def test_scene_by_name_and_picture(bricktwin, folder) -> None:
+    """The scout is the robot; its sensor is over the line, and over the red half."""
+    assert bricktwin("run", "main.py", "--scene", "sumo") == (0, "Color.NONE\n", "")
+    assert bricktwin("run", "main.py", "--scene", "mat.png:800x400") == (0, "Color.RED\n", "")
+
+
+@pytest.mark.parametrize(
+    ("scene", "says"),
+    [
+        ("line-simpel", "'line-simpel' is not a scene (did you mean 'line-simple'?); choose line-"),
+        ("mat", "or a picture, mat.png:fll or mat.png:1000x700"),
+        ("mat.png", "how large is mat.png on the floor? Give width and height in mm"),
+        ("mat.png:big", "how large is mat.png on the floor?"),
+        ("mat.png:fll", "800 x 400 pixels"),
+        ("mat.png:0x0", "give its width and height"),
+        ("none.png:800x400", "there is no picture none.png"),
+    ],
+)
+def test_scene_that_is_none_is_said(fails, folder, scene: str, says: str) -> None:
+    fails("run", "main.py", "--scene", scene, says=says)
+
+
+def test_pictures_are_checked(bricktwin, folder) -> None:
+    good = bricktwin("world", "check", "mat.png:800x400")
+    assert good == (0, "mat.png on 800 x 400 mm: all is well\n", "")
+    coarse = bricktwin("world", "check", "mat.png:2400x1200")
+    assert coarse.code == 1 and "give an image of 1200 pixels across or more" in coarse.out
+    assert bricktwin("world", "check", "mat.png").code == 2
+
+
+def test_world_is_drawn(bricktwin, folder) -> None:
+    pytest.importorskip("mujoco")
+    done = bricktwin("world", "draw", "wall", "--out", "pictures")
+    if "OpenGL" in done.err:
+        pytest.skip("no OpenGL here")
+    assert done.code == 0 and "1 picture in pictures" in done.out
+    with Image.open(folder / "pictures" / "wall.png") as image:
+        assert image.size == (480, 300)

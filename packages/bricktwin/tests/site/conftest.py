@@ -1,0 +1,74 @@
+"""A site on a plain file server, in a folder below its top, and a page of it in one browser."""
+
+from __future__ import annotations
+
+import functools
+import http.server
+import threading
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+import pytest
+from browser import TIMEOUT_MS, chromium
+
+from bricktwin.robots import TWO_WHEELER
+from bricktwin.site.build import build_site
+from bricktwin.site.packages import SiteError
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser, Page
+
+SUB_PATH = "school/class-7"
+
+
+class _PlainFiles(http.server.SimpleHTTPRequestHandler):
+    """No headers but those of a file server."""
+
+    def log_message(self, *arguments: object) -> None:
+        """Quiet."""
+
+
+@pytest.fixture(scope="session")
+def address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    """Address of a site. Skips without what it is made of."""
+    top = tmp_path_factory.mktemp("web")
+    try:
+        build_site(top / SUB_PATH, (TWO_WHEELER,), worlds=("wall",))
+    except SiteError as error:
+        pytest.skip(str(error))
+    handler = functools.partial(_PlainFiles, directory=str(top))
+    server = http.server.ThreadingHTTPServer(("127.0.0.1", 0), handler)
+    thread = threading.Thread(target=server.serve_forever, daemon=True)
+    thread.start()
+    yield f"http://127.0.0.1:{server.server_port}/{SUB_PATH}/"
+    server.shutdown()
+    server.server_close()
+    thread.join()
+
+
+@pytest.fixture(scope="session")
+def browser() -> Iterator[Browser]:
+    pytest.importorskip("playwright")
+    with chromium() as started:
+        yield started
+
+
+@pytest.fixture(scope="module")
+def page(address: str, browser: Browser) -> Iterator[Page]:
+    """A page with Python at work. No request leaves the site's address, no script fails."""
+    context = browser.new_context(viewport={"width": 1280, "height": 800})
+    opened = context.new_page()
+    opened.set_default_timeout(TIMEOUT_MS)
+    errors: list[str] = []
+    asked: set[str] = set()
+    opened.on("pageerror", lambda error: errors.append(str(error)))
+    context.on("request", lambda request: asked.add(request.url))
+    opened.goto(address)
+    # Who comes for the first time sees the first example.
+    opened.wait_for_selector("#state.running")
+    opened.click("#stop")
+    opened.select_option("#robot", "bench")
+    yield opened
+    context.close()
+    assert not errors
+    assert {url for url in asked if not url.startswith(address)} <= {"about:blank"}

@@ -1,0 +1,124 @@
+"""What runs in the worker, with a page that is played."""
+
+from __future__ import annotations
+
+import io
+import json
+import struct
+from pathlib import Path
+
+import pytest
+
+from brickhub.virtual.run import run_file
+from bricktwin.site.tab import run
+
+ROW = 8
+SENSOR = (
+    "from pybricks.pupdevices import ColorSensor\nfrom pybricks.parameters import Color, Port\n"
+    "from pybricks.tools import wait\nsensor = ColorSensor(Port.C)\n"
+)
+
+
+class PlayedPage:
+    """A page that lets time pass to ``allowed_ms`` first, then sends ``messages``, then allows all
+    of it."""
+
+    def __init__(self, allowed_ms: float = 1e9, messages: list[dict[str, object]] = []) -> None:  # noqa: B006
+        self.allowed_ms = allowed_ms
+        self.messages = messages
+        self.events: list[dict[str, object]] = []
+        self.rows: list[tuple[float, ...]] = []
+        self.waited_ms: list[int] = []
+
+    def frame(self) -> None:
+        """No robot, no poses."""
+
+    def post(self, events: str, rows: bytes) -> None:
+        self.events += json.loads(events or "[]")
+        self.rows += struct.iter_unpack(f"{ROW}f", rows)
+
+    def take(self) -> str:
+        if self.waited_ms and self.messages:
+            sent, self.messages = self.messages, []
+            return json.dumps(sent)
+        return ""
+
+    def may_go_on(self, time_ms: int) -> bool:
+        if time_ms > self.allowed_ms and not self.waited_ms:
+            self.waited_ms.append(time_ms)
+            return False
+        return True
+
+    def text(self, *kinds: str) -> str:
+        return "".join(str(event["text"]) for event in self.events if event["kind"] in kinds)
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setattr(run, "FOLDER", tmp_path / "programs")
+    return tmp_path
+
+
+def run_source(page: PlayedPage, source: str, **request: object) -> int:
+    content = {"files": {"main.py": source}, "name": "main.py", "readings": [], **request}
+    return run.run_in_tab(json.dumps(content), page)
+
+
+def test_prints_and_fails_as_in_a_terminal(folder: Path) -> None:
+    source = "print('ä', b'\\xff')\nimport part\nprint(part.X)\n1 / 0\n"
+    files = {"main.py": source, "part.py": "X = 3\n"}
+    for name, text in files.items():
+        (folder / name).write_text(text, encoding="utf-8")
+    out, err = io.BytesIO(), io.StringIO()
+    code = run_file(folder / "main.py", stdout=out, stderr=err)
+    page = PlayedPage()
+    assert run_source(page, source, files=files) == code == 1
+    assert page.text("out").encode("latin-1") == out.getvalue()
+    assert page.text("err") == err.getvalue()
+
+
+def test_a_refused_run_says_why() -> None:
+    page = PlayedPage()
+    assert run_source(page, "print(1)\n", name="other.py") == run.REFUSED_EXIT_CODE
+    assert page.text("err").startswith("error: ")
+
+
+def test_frames_have_the_angle_of_each_motor() -> None:
+    page = PlayedPage()
+    source = (
+        "from pybricks.pupdevices import Motor\nfrom pybricks.parameters import Port\n"
+        "motor = Motor(Port.B)\nmotor.run_angle(500, 90)\nprint(motor.angle())\n"
+    )
+    assert run_source(page, source) == 0
+    times_ms = [row[0] for row in page.rows]
+    assert times_ms[1:-1] == [20.0 * number for number in range(1, len(times_ms) - 1)]
+    assert round(page.rows[-1][2]) == int(page.text("out")) == 89
+    # Nothing is on port A.
+    assert page.rows[-1][1] != page.rows[-1][1]
+    assert {"kind": "devices", "ms": 20, "devices": {"B": "Motor"}} in page.events
+
+
+def test_readings_before_and_while_it_runs() -> None:
+    source = SENSOR + "print(sensor.color())\nwait(500)\nprint(sensor.color())\n"
+    changed = {"kind": "reading", "reading": ["C", "surface", [240, 100, 100]]}
+    page = PlayedPage(200, [changed])
+    assert run_source(page, source, readings=[["C", "surface", [0, 100, 100]]]) == 0
+    assert page.text("out") == "Color.RED\nColor.BLUE\n"
+
+
+def test_stop_ends_it_past_its_handlers() -> None:
+    source = (
+        SENSOR + "while True:\n    try:\n        wait(1)\n    except BaseException:\n        pass\n"
+    )
+    page = PlayedPage(100, [{"kind": "stop"}])
+    assert run_source(page, source) == 0
+    assert page.text("err") == "The program was stopped (SystemExit).\n"
+    assert page.waited_ms == [120]
+
+
+def test_files_of_the_program_are_handed_over() -> None:
+    page = PlayedPage()
+    assert run_source(page, "print('PB_OF:log.csv')\nprint('1, 2')\nprint('PB_EOF')\n") == 0
+    assert [event for event in page.events if event["kind"] == "file"] == [
+        {"kind": "file", "ms": 0, "name": "log.csv", "text": "1, 2\n"}
+    ]
