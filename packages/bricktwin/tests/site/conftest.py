@@ -63,11 +63,14 @@ def page(address: str, browser: Browser) -> Iterator[Page]:
     asked: set[str] = set()
     opened.on("pageerror", lambda error: errors.append(str(error)))
     context.on("request", lambda request: asked.add(request.url))
+    # Else the first visit runs an example on a robot, whose pictures take long without a graphics
+    # card.
+    opened.add_init_script(
+        "localStorage['bricks-programs'] ??= JSON.stringify("
+        "{ files: { 'main.py': '' }, current: 'main.py', robot: 'bench', world: '' })"
+    )
     opened.goto(address)
-    # Who comes for the first time sees the first example.
-    opened.wait_for_selector("#state.running")
-    opened.click("#stop")
-    opened.select_option("#robot", "bench")
+    opened.wait_for_selector("#state.ready")
     yield opened
     context.close()
     assert not errors
