@@ -1,13 +1,17 @@
-"""Motion of the robot in a robot's file, on whatever engine is here: in a tab's worker MuJoCo's
+"""Motion of the robots in robots' files, on whatever engine is here: in a tab's worker MuJoCo's
 JavaScript build, else Python's, of any version. A script, for :mod:`benchmarks.tab_physics`.
 
-    python tab_motion.py SEED DURATION_S FILE...
+    python tab_motion.py ASKED
 
-It prints a line of JSON for each file: positions, readings, and CPU time.
+ASKED is a file of JSON: ``files`` (paths of robots' files, by name), ``starts`` (seeds),
+``duration_s``, and ``program``, a hub program that is run in place of swinging voltages. It prints
+a line of JSON for each robot and start.
 """
 
+import io
 import json
 import math
+import statistics
 import sys
 import time
 from pathlib import Path
@@ -22,7 +26,7 @@ FULL_MV = 6000
 
 
 def engine_of(text: str) -> Any:
-    """The engine that is here."""
+    """The engine that is here, of a robot's file."""
     if "start_engine" in globals():
         from bricktwin.site.tab.js_engine import JsEngine
 
@@ -76,40 +80,69 @@ def readings(body: TwinBody) -> dict[str, float]:
 
 
 def move(body: TwinBody, duration_s: float) -> dict[str, Any]:
-    """Positions after each 10 ms, readings after each 100 ms, and the mean speed."""
+    """Positions after each 10 ms of the first second, and means over all."""
     positions = []
     read = []
-    first = body.pose()
-    started_s = cpu_s()
-    steps = round(duration_s * 1000 / SAMPLE_MS)
-    for step in range(1, steps + 1):
-        now_ms = step * SAMPLE_MS
-        drive(body, now_ms)
-        body.advance_to(now_ms)
-        positions.append(list(body.engine.qpos))
-        if now_ms % READ_MS == 0:
+    for time_ms in range(SAMPLE_MS, round(duration_s * 1000) + 1, SAMPLE_MS):
+        drive(body, time_ms)
+        body.advance_to(time_ms)
+        if time_ms <= 1000:
+            positions.append(list(body.engine.qpos))
+        if time_ms % READ_MS == 0:
             read.append(readings(body))
-    used_s = cpu_s() - started_s
-    last = body.pose()
-    way_mm = 1000 * math.hypot(last.x_m - first.x_m, last.y_m - first.y_m)
-    return {
-        "positions": positions,
-        "readings": read,
-        "cpu_s": used_s,
-        "speed_mm_s": way_mm / duration_s,
-        "turned_deg": last.heading_deg - first.heading_deg,
-    }
+    means = {name: statistics.fmean(one[name] for one in read) for name in read[0]}
+    return {"positions": positions, "means": means}
 
 
-def main(arguments: list[str]) -> None:
-    """Move the robot of each file."""
-    seed, duration_s, *files = arguments
-    for name in files:
-        text = Path(name).read_text(encoding="utf-8")
-        body = body_of(json.loads(text), engine_of(text), seed=int(seed))
-        moved = {"file": Path(name).name, **move(body, float(duration_s))}
-        sys.stdout.write(json.dumps(moved) + "\n")
+def run(body: TwinBody, program: str, duration_s: float) -> dict[str, Any]:
+    """Run a hub program on a body."""
+    if "compile_in_tab" in globals():
+        from bricktwin.site.tab.mpy_cross import put_in_place
+
+        put_in_place(globals()["compile_in_tab"])
+    from brickhub.virtual.run import run_file
+
+    output = io.BytesIO()
+    errors = io.StringIO()
+    run_file(
+        Path(program),
+        body,
+        stdout=output,
+        stderr=errors,
+        time_limit_s=duration_s,
+    )
+    return {"printed": output.getvalue().decode(), "errors": errors.getvalue()}
+
+
+def main(path: str) -> None:
+    """Move the robots that are asked for."""
+    asked = json.loads(Path(path).read_text(encoding="utf-8"))
+    duration_s = asked["duration_s"]
+    for name, file in asked["files"].items():
+        text = Path(file).read_text(encoding="utf-8")
+        engine = engine_of(text)
+        for start in asked["starts"]:
+            body = body_of(json.loads(text), engine, seed=start)
+            first = body.pose()
+            started_s = cpu_s()
+            if asked.get("program"):
+                moved = run(body, asked["program"], duration_s)
+            else:
+                moved = move(body, duration_s)
+            used_s = cpu_s() - started_s
+            last = body.pose()
+            way_mm = 1000 * math.hypot(last.x_m - first.x_m, last.y_m - first.y_m)
+            about = {
+                "robot": name,
+                "start": start,
+                "cpu_s": used_s,
+                "speed_mm_s": way_mm / duration_s,
+                "turned_deg": last.heading_deg - first.heading_deg,
+            }
+            sys.stdout.write(json.dumps({**about, **moved}) + "\n")
+        if hasattr(engine, "end"):
+            engine.end()
 
 
 if __name__ == "__main__":
-    main(globals().get("ARGUMENTS") or sys.argv[1:])
+    main((globals().get("ARGUMENTS") or sys.argv[1:])[0])

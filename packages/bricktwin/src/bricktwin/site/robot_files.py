@@ -65,14 +65,14 @@ def robot_file(robot: Robot, scene: Scene = OPEN_FLOOR) -> dict[str, Any]:
     _leave_out_looks(spec)
     _state_inertias(spec, compiled)
     spec.option.jacobian = compiled.opt.jacobian
-    exact = spec.compile()
+    slim = spec.compile()
     text = spec.to_xml()
     written = mujoco.MjModel.from_xml_string(text)
     return {
         "robot": plain(_without_folders(robot)),
         "scene": plain(scene),
         "mjcf": text,
-        "fields": _lost_digits(exact, written),
+        "fields": _lost_digits(compiled, slim, written),
     }
 
 
@@ -112,13 +112,25 @@ def _state_inertias(spec: mujoco.MjSpec, compiled: mujoco.MjModel) -> None:
         body.iquat = compiled.body_iquat[number]
 
 
-def _lost_digits(exact: mujoco.MjModel, written: mujoco.MjModel) -> dict[str, list[float]]:
-    """Fields of a model that its text does not give to the last digit."""
+def _lost_digits(
+    compiled: mujoco.MjModel,
+    slim: mujoco.MjModel,
+    written: mujoco.MjModel,
+) -> dict[str, list[float]]:
+    """Fields of the model that its text does not give to the last digit.
+
+    Args:
+        compiled: the robot's model.
+        slim: the same without looks, which has the geometries of the text.
+        written: what MuJoCo reads in the text.
+    """
     lost = {}
-    for name in dir(exact):
+    for name in dir(compiled):
         if not name.startswith(_FIELDS):
             continue
-        values = getattr(exact, name)
+        # What MuJoCo derives of a body depends on its looks too.
+        model = slim if name.startswith(("geom_", "mesh_")) else compiled
+        values = getattr(model, name)
         if values.dtype.kind != "f":
             continue
         if not np.array_equal(values, getattr(written, name), equal_nan=True):

@@ -55,7 +55,7 @@ COLORS: dict[str, Size] = {
     "brown": (0.42, 0.26, 0.14),
 }
 """Reflectance of red, green and blue light, by colour name."""
-_CELL_MM = 50.0
+_CELL_MM = 20.0
 """Side of the squares of the floor for which a line remembers its segments nearby."""
 
 

@@ -1,9 +1,10 @@
 """Plain values for JSON: robots and scenes as dicts of their fields, and back, equal.
 
 A dataclass or an enum has its class' name under ``is``; tuples become lists, and are tuples again
-when they are read.
+when they are read; bytes, such as the pixels of a picture, are text.
 """
 
+import base64
 import dataclasses
 import enum
 from typing import Any
@@ -13,6 +14,7 @@ from brickhub.errors import TwinError
 from bricktwin.twin import objects, physics, scene
 
 _KIND = "is"
+_BYTES = "bytes"
 _MODULES = (brickhub.robot, objects, scene, physics)
 
 
@@ -35,6 +37,8 @@ def plain(value: Any) -> Any:
     such as functions."""
     if value is None or isinstance(value, str | int | float | bool):
         return value
+    if isinstance(value, bytes):
+        return {_KIND: _BYTES, "base64": base64.b64encode(value).decode()}
     if isinstance(value, tuple | list):
         return [plain(item) for item in value]
     kind = type(value).__name__
@@ -57,6 +61,8 @@ def read_plain(value: Any) -> Any:
     kind = value.get(_KIND)
     if kind is None:
         return {name: read_plain(item) for name, item in value.items()}
+    if kind == _BYTES:
+        return base64.b64decode(value["base64"])
     known = _CLASSES[kind]
     if issubclass(known, enum.Enum):
         return known[value["name"]]

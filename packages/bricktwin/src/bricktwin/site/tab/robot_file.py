@@ -5,6 +5,7 @@ from typing import Any
 
 from brickhub.robot import Robot
 from brickhub.seed import derive_seed
+from bricktwin.site.tab.js_engine import JsEngine
 from bricktwin.site.tab.plain_values import read_plain
 from bricktwin.twin.body import NoiseSources, TwinBody
 from bricktwin.twin.engine import Engine
@@ -32,6 +33,22 @@ def scene_in(file: dict[str, Any]) -> Scene:
     return scene
 
 
+def body_in_tab(
+    file: dict[str, Any],
+    handle: Any,
+    physics: Physics | RandomPhysics | None = None,
+    seed: int = 0,
+) -> TwinBody:
+    """Body of a file's robot as of :func:`body_of`, on an ``Engine`` of ``engine.js`` that was made
+    of the same file."""
+    return body_of(
+        file,
+        JsEngine(handle),
+        physics,
+        seed,
+    )
+
+
 def body_of(
     file: dict[str, Any],
     engine: Engine,
@@ -42,7 +59,7 @@ def body_of(
     its starts.
 
     Args:
-        engine: engine of the file's model, in a tab a ``JsEngine``.
+        engine: engine of the file's model.
         physics: parameters, or a sampler of them for each reset; ``None`` for the defaults.
         seed: seed of the sensors' noise and of the first start.
     """
