@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import pytest
 from browser import TIMEOUT_MS
 from in_page import open_program, run_program
-from test_hub_in_tab import DATA, firmware_programs
+from test_in_browser import DATA, firmware_programs
 
 from brickhub.virtual.run import run_file
 
