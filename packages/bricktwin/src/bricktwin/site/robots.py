@@ -9,6 +9,7 @@ from brickhub.robot import Robot
 from bricktwin.robots import ROBO_ARM, SCOUT, TWO_WHEELER, WALKER
 from bricktwin.site.robot_files import robot_file
 from bricktwin.site.storing import write_packed_json
+from bricktwin.site.tab.lessons import described, lesson_for
 from bricktwin.twin.make_body import make_body
 from bricktwin.twin.mujoco_body import MujocoBody
 from bricktwin.twin.scene import OPEN_FLOOR, Scene
@@ -30,8 +31,9 @@ def write_robots(
     robots: Sequence[Robot],
     worlds_of_drivers: Sequence[str] = tuple(WORLDS),
 ) -> list[dict[str, Any]]:
-    """Write the files of robots into a site; returns its index: name and title of each robot, and
-    name, title and file of each of its worlds. Raises TwinError if a robot has no model.
+    """Write the files of robots into a site; returns its index: name and title of each robot,
+    what it can learn, and name, title and file of each of its worlds. Raises TwinError if a robot
+    has no model.
 
     Args:
         site: its folder.
@@ -45,6 +47,7 @@ def write_robots(
             worlds.update({name: world(name) for name in worlds_of_drivers})
         elif robot.needs_imu:
             worlds.update({name: world(name) for name in _WITHOUT_WHEELS})
+        lesson = lesson_for(robot)
         folder = f"robots/{as_file_name(robot.name)}"
         (site / folder).mkdir(parents=True)
         index.append(
@@ -52,6 +55,7 @@ def write_robots(
                 "name": robot.name,
                 "title": _TITLES.get(robot.name, robot.name),
                 "meshes": f"{folder}/meshes.json",
+                "lesson": None if lesson is None else described(lesson),
                 "worlds": _write_worlds(site, folder, robot, worlds),
             }
         )

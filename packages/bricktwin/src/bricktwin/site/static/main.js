@@ -8,6 +8,7 @@ import { FAST, Player } from "./player.js";
 import { errorsOf, Printed } from "./printed.js";
 import { linkOf, Programs, programOf, saveFile } from "./programs.js";
 import { Stage } from "./stage.js";
+import { Teach } from "./teach.js";
 
 const ROW = 8; // numbers of a frame before the poses of the robot's bodies
 const byId = (id) => document.getElementById(id);
@@ -18,19 +19,27 @@ async function begin() {
   const programs = new Programs();
   let wanted = null; // a run that waits for Python
   let errors = ""; // what the hub says about an error, as far as it has come
+  let teach = null; // once the page is there
 
   const hub = new Hub({
     ready() {
       if (!state.isBusy) state.set("ready");
       if (wanted) run(...wanted);
+      teach?.begin();
       keepForOffline();
     },
-    happened: (events, frames) => player.add(events, frames),
+    happened: (events, frames) => (teach.isLearning ? teach : player).add(events, frames),
     ended(code) {
+      if (teach.isLearning) {
+        teach.end(code);
+        state.set(code === 130 ? "stopped" : "finished");
+        return;
+      }
       player.end(state.isStopping || player.rate === FAST);
       state.code = code;
     },
     failed(text, wasReady) {
+      if (teach?.isLearning) teach.end(1);
       player.abandon();
       state.set("failed");
       note(wasReady
@@ -62,7 +71,7 @@ async function begin() {
     },
     panel: (panel) => board.show(panel),
     time: showTime,
-    caughtUp: finish,
+    caughtUp: () => (teach.isOpen && !state.isRunning ? teach.again() : finish()),
     event(event) {
       if (event.kind === "out") printed.out(event.text);
       else if (event.kind === "devices") bench.tell(event.devices);
@@ -116,13 +125,32 @@ async function begin() {
     setPaused(false);
   }
 
+  // The robot tries by itself; false while another run goes on.
+  function startTeaching(request) {
+    if (state.isBusy || !hub.isReady) return false;
+    state.set("learning");
+    hub.run({ robot: stage.file, ...request });
+    return true;
+  }
+
+  // A record of frames on the stage, in real time.
+  function showFrames(pieces) {
+    player.clear(ROW + stage.width);
+    for (const frames of pieces) player.add([], frames);
+    player.begin();
+    player.end(false);
+    player.isPlaying = true;
+  }
+
   async function chooseRobot(robot, world) {
     stop();
+    teach.offer(null);
     Object.assign(programs, { robot, world });
     programs.keep();
     player.clear(ROW);
     try {
       await stage.choose(robot, world);
+      teach.offer(stage.lesson);
     } catch (error) {
       note(`This robot could not be fetched (${error.message}). Is there a network?`);
     }
@@ -146,6 +174,7 @@ async function begin() {
     editor.show(found);
     if (found.length) say(`Line ${found[0].line}: ${found[0].message}`);
     else if (state.code && state.code !== 130) say(errors.trim().split("\n").at(-1) ?? "");
+    teach.begin();
   }
 
   function offerFile({ name, text }) {
@@ -168,7 +197,7 @@ async function begin() {
     byId("pause").setAttribute("aria-pressed", isPaused);
     byId("pause").textContent = isPaused ? "▶" : "❚❚";
     byId("pause").title = isPaused ? "Let time go on" : "Pause time";
-    if (state.isBusy) state.set(isPaused ? "paused" : "running");
+    if (state.isRunning) state.set(isPaused ? "paused" : "running");
   }
 
   // An example brings the robot that it is for.
@@ -245,6 +274,26 @@ async function begin() {
     byId("stop").disabled = !state.isBusy && !wanted;
   };
 
+  teach = new Teach(byId("teach"), {
+    button: byId("teach-it"),
+    on: {
+      start: startTeaching,
+      stop: () => hub.stop(),
+      show: showFrames,
+      opened(isOpen) {
+        document.body.classList.toggle("teaching", isOpen);
+        stop();
+      },
+      take(name, source) {
+        teach.close();
+        programs.add(name, source);
+        showProgram();
+        note("This program acts by the best numbers. Press Run; Pybricks Code and `brickhub run` run it, too.");
+      },
+    },
+  });
+  teach.offer(stage.lesson);
+
   const shared = await programOf(location.hash);
   if (shared) {
     programs.add(shared.name ?? "shared.py", shared.source);
@@ -280,6 +329,10 @@ class State {
   }
 
   get isBusy() {
+    return this.isRunning || this.name === "learning";
+  }
+
+  get isRunning() {
     return this.name === "running" || this.name === "paused";
   }
 

@@ -90,7 +90,8 @@ async function run({ robot, ...request }) {
     physics = new Physics(mujoco, file);
     body = bodyInTab(readJson(JSON.stringify(file.robot)), physics.engine);
   }
-  const code = runInTab(JSON.stringify(request), page, body);
+  const act = request.goal ? python.pyimport("bricktwin.site.tab.teach").teach_in_tab : runInTab;
+  const code = act(JSON.stringify(request), page, body);
   body?.destroy();
   say("ended", { code });
 }

@@ -1,0 +1,122 @@
+"""Teaching in a tab, with a page that is played: the same search on the same body, without a
+browser."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from bricktwin.robots import ROBO_ARM, TWO_WHEELER, WALKER
+from bricktwin.site.tab import lessons, trial
+from bricktwin.site.tab.lessons import Record, ahead_mm, lesson_for, walking_speed
+from bricktwin.site.tab.run import STOPPED_EXIT_CODE
+from bricktwin.site.tab.teach import teach_in_tab
+from bricktwin.twin.make_body import make_body
+from bricktwin.twin.standing import Pose
+
+TROT = (-0.9, 180.0)
+
+
+class TaughtPage:
+    """A page that says stop after some frames."""
+
+    def __init__(self, stop_at: int | None = None) -> None:
+        self.stop_at = stop_at
+        self.frames = 0
+        self.events: list[dict[str, object]] = []
+
+    def frame(self) -> None:
+        self.frames += 1
+
+    def post(self, events: str, rows: bytes) -> None:
+        self.events += json.loads(events or "[]")
+
+    def take(self) -> str:
+        return '[{"kind": "stop"}]' if self.frames == self.stop_at else ""
+
+    def may_go_on(self, time_ms: int) -> bool:
+        raise AssertionError("nobody waits for a page")
+
+    @property
+    def trials(self) -> list[dict[str, object]]:
+        return [event for event in self.events if event["kind"] == "trial"]
+
+
+def teach(page: TaughtPage, trials: int, **request: object) -> int:
+    content = {"goal": "walk", "seed": 3, "state": None, "numbers": None, "trials": trials}
+    return teach_in_tab(json.dumps({**content, **request}), page, make_body(WALKER))
+
+
+def test_a_trial_walks_and_is_the_same_each_time() -> None:
+    """A person's numbers, before and after another trial on the same body."""
+    page = TaughtPage()
+    assert teach(page, 1, numbers=TROT) == 0
+    (first,) = page.trials
+    assert 65 < first["score"] < 85
+    assert first["fell"] is False and first["seconds"] == 2.5
+    assert first["numbers"] == list(TROT)
+    # What acts is what can be taken away.
+    assert "NUMBERS = (-0.9, 180,)" in str(first["source"])
+    assert page.frames == 126
+    again = TaughtPage()
+    teach(again, 1, numbers=TROT, state=first["state"])
+    assert again.trials[0]["score"] == first["score"]
+    assert len(again.trials[0]["state"]["scores"]) == 2
+
+
+def test_a_fall_ends_a_trial_and_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    # A Walker hardly ever falls: any tilt is one here.
+    monkeypatch.setattr(trial, "TILT_DEG", 0.0)
+    page = TaughtPage()
+    teach(page, 1, numbers=TROT)
+    assert page.trials[0]["fell"] is True
+    # It had not moved yet, so nobody knows a speed.
+    assert page.trials[0]["score"] is None
+
+
+def test_stop_ends_it_within_a_trial_and_it_goes_on_from_there(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(trial, "TRIAL_STEPS", 4)
+    stopped = TaughtPage(stop_at=70)
+    assert teach(stopped, 5) == STOPPED_EXIT_CODE
+    assert stopped.frames == 70 and len(stopped.trials) == 1
+    rest = TaughtPage()
+    teach(rest, 1, state=stopped.trials[0]["state"])
+    whole = TaughtPage()
+    teach(whole, 2)
+    assert [one["score"] for one in stopped.trials + rest.trials] == [
+        one["score"] for one in whole.trials
+    ]
+
+
+def test_who_can_learn_what() -> None:
+    walk = lesson_for(WALKER)
+    assert walk is not None
+    described = lessons.described(walk)
+    assert described["goal"] == "walk"
+    assert [number["name"] for number in described["numbers"]] == ["speed", "left_back_phase"]
+    assert lesson_for(ROBO_ARM) is None
+    assert lesson_for(TWO_WHEELER) is None
+
+
+def test_speed_counts_the_way_ahead_once_it_has_settled() -> None:
+    start = Pose(1.0, 2.0, 90.0)
+    # A heading of 90 degrees looks along -y.
+    assert ahead_mm(start, Pose(1.5, 1.9, 0.0)) == pytest.approx(100.0)
+    poses = [Pose(0.0, 0.0, 0.0)] * 4
+    poses += [Pose(0.02 * step, 0.1, 0.0) for step in range(1, 8)]
+    assert walking_speed(Record(poses=poses)) == pytest.approx(80.0)
+
+
+@pytest.mark.slow
+def test_it_learns_to_walk_faster_than_a_trot() -> None:
+    """88 seconds of the robot."""
+    page = TaughtPage()
+    teach(page, 35)
+    teach(page, 1, numbers=TROT)
+    *tried, trot = page.trials
+    scores = [float(str(one["score"])) for one in tried]
+    assert max(scores) > 1.03 * float(str(trot["score"]))
+    assert max(scores) > max(scores[:6])
