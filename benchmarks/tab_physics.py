@@ -139,8 +139,11 @@ def by_robot(moved: list[dict[str, Any]]) -> dict[str, list[dict[str, Any]]]:
 
 def first_second(tab: dict[str, Any], same: dict[str, Any]) -> float:
     """Largest difference of any position."""
-    pairs = zip(tab["positions"], same["positions"], strict=True)
-    return max(abs(x - y) for one, other in pairs for x, y in zip(one, other, strict=True))
+    largest = 0.0
+    for one, other in zip(tab["positions"], same["positions"], strict=True):
+        for x, y in zip(one, other, strict=True):
+            largest = max(largest, abs(x - y))
+    return largest
 
 
 def quantities(moved: dict[str, Any]) -> dict[str, float]:
