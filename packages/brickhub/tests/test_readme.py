@@ -37,8 +37,8 @@ def cheap(words: list[str]) -> list[str]:
 
 
 def link() -> str:
-    (block,) = PAGE.blocks("python")
-    return block
+    first, _ = PAGE.blocks("python")
+    return first
 
 
 def test_what_is_shown_is_printed(reader: Path, capfd: pytest.CaptureFixture[str]) -> None:
@@ -84,3 +84,11 @@ def test_the_link_answers(capfd: pytest.CaptureFixture[str]) -> None:
     exec(link(), {})  # noqa: S102
     angle, distance = eval(capfd.readouterr().out)  # noqa: S307
     assert abs(angle - 45) < 3 and distance == 2000.0
+
+
+def test_the_robot_that_learns_learns(capfd: pytest.CaptureFixture[str]) -> None:
+    exec("\n".join(PAGE.blocks("python")), {})  # noqa: S102
+    _, said = capfd.readouterr().out.splitlines()
+    speed, lag = eval(said)  # noqa: S307
+    assert speed < -0.5, "legs that turn fast turn far"
+    assert 0.0 <= lag <= 360.0

@@ -204,6 +204,25 @@ def test_nothing_is_written_into_a_dataset(tmp_path: Path, way: int) -> None:
     assert sorted(path for path in tmp_path.rglob("*")) == before and check(part) == []
 
 
+@pytest.mark.parametrize("again", ["run", "run/data", "link"])
+def test_a_dataset_is_not_joined_to_itself(tmp_path: Path, again: str) -> None:
+    part = record(tmp_path / "run/data", (3,))
+    (tmp_path / "link").symlink_to(part)
+    with pytest.raises(DataError, match=f"{again} is named twice; name it once"):
+        merge([part, tmp_path / again], tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(("first", "second"), [("c", "c/d"), ("c/d", "c"), ("c", "../t/c/d")])
+def test_parts_are_not_within_each_other(tmp_path: Path, first: str, second: str) -> None:
+    folder = tmp_path / "t"
+    folder.mkdir()
+    part = record(folder / "a", (3, 4))
+    with pytest.raises(DataError, match="is to be within .*c; give each part a separate folder"):
+        split(part, folder / first, folder / second, 0.5, 0)
+    assert [path.name for path in folder.iterdir()] == ["a"]
+
+
 def test_a_dataset_may_stand_beside_others_and_in_the_folder_of_a_run(tmp_path: Path) -> None:
     part = record(tmp_path / "run/data", (3, 4))
     assert len(merge([part], tmp_path / "run/joined").rows) == 2

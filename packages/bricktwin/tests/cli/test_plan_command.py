@@ -157,6 +157,14 @@ def test_the_catalogue(bricktwin):
             ["parts", PLAN, "--format", "bricklink"],
             "error: --format has no effect without --out; omit it",
         ),
+        (
+            ["parts", PLAN, "--out", "parts.ods"],
+            "error: 'parts.ods' is not a name of a parts list in the format csv; end it in .csv",
+        ),
+        (
+            ["parts", PLAN, "--out", "a.csv", "--format", "bricklink"],
+            "error: 'a.csv' is not a name of a parts list in the format bricklink; end it in .xml",
+        ),
         (["parts", "--out", "parts.csv"], "error: --out needs a plan; name an LDraw file"),
     ],
 )

@@ -6,6 +6,7 @@ import functools
 import http.server
 import threading
 from collections.abc import Iterator
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
@@ -18,6 +19,7 @@ from bricktwin.site.packages import SiteError
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page
 
+ROOT = Path(__file__).parents[4]
 SUB_PATH = "school/class-7"
 
 
@@ -28,14 +30,21 @@ class _PlainFiles(http.server.SimpleHTTPRequestHandler):
         """Quiet."""
 
 
+def _build(folder: Path) -> None:
+    try:
+        build_site(folder, (TWO_WHEELER,), worlds=("wall",))
+    except SiteError as error:
+        pytest.skip(str(error))
+
+
 @pytest.fixture(scope="session")
 def address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     """Address of a site. Skips without what it is made of."""
     top = tmp_path_factory.mktemp("web")
-    try:
-        build_site(top / SUB_PATH, (TWO_WHEELER,), worlds=("wall",))
-    except SiteError as error:
-        pytest.skip(str(error))
+    with pytest.MonkeyPatch.context() as patch:
+        # What npm fetches is the same each time; it stays until `make clean`.
+        patch.setenv("XDG_CACHE_HOME", str(ROOT / "build" / "site-cache"))
+        _build(top / SUB_PATH)
     handler = functools.partial(_PlainFiles, directory=str(top))
     server = http.server.ThreadingHTTPServer(("127.0.0.1", 0), handler)
     thread = threading.Thread(target=server.serve_forever, daemon=True)
@@ -63,11 +72,14 @@ def page(address: str, browser: Browser) -> Iterator[Page]:
     asked: set[str] = set()
     opened.on("pageerror", lambda error: errors.append(str(error)))
     context.on("request", lambda request: asked.add(request.url))
+    # Else the first visit runs an example on a robot, whose pictures take long without a graphics
+    # card.
+    opened.add_init_script(
+        "localStorage['bricks-programs'] ??= JSON.stringify("
+        "{ files: { 'main.py': '' }, current: 'main.py', robot: 'bench', world: '' })"
+    )
     opened.goto(address)
-    # Who comes for the first time sees the first example.
-    opened.wait_for_selector("#state.running")
-    opened.click("#stop")
-    opened.select_option("#robot", "bench")
+    opened.wait_for_selector("#state.ready")
     yield opened
     context.close()
     assert not errors

@@ -8,12 +8,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
-from test_hub_in_tab import DATA, firmware_programs
+from browser import TIMEOUT_MS
+from in_page import open_program, run_program
+from test_in_browser import DATA, firmware_programs
 
 from brickhub.virtual.run import run_file
 
 if TYPE_CHECKING:
-    from playwright.sync_api import Page
+    from playwright.sync_api import Browser, Page
 
 _LEAST = 300
 _HEAD = "".join(
@@ -90,3 +92,27 @@ _RUN = """async (files) => {
         hub.allow(Infinity);
     });
 }"""
+
+
+@pytest.mark.slow
+def test_without_shared_memory_a_run_is_shown_in_time(address: str, browser: Browser) -> None:
+    """As of http without encryption, where browsers allow no service worker: a stop ends the
+    worker, and the next one stands ready."""
+    context = browser.new_context(service_workers="block")
+    page = context.new_page()
+    page.set_default_timeout(TIMEOUT_MS)
+    page.goto(address)
+    page.wait_for_selector("#state.running")
+    assert page.evaluate("crossOriginIsolated") is False
+    assert "no way into a running program" in (page.text_content("#note") or "")
+    page.click("#stop")
+    page.select_option("#robot", "bench")
+    page.wait_for_selector("#state.ready, #state.stopped")
+    assert run_program(page, "print('there')\n")[1] == "there\n"
+    open_program(page, "while True:\n    pass\n")
+    page.click("#run")
+    page.wait_for_selector("#state.running")
+    page.click("#stop")
+    page.wait_for_selector("#state.stopped, #state.ready")
+    assert run_program(page, "print('still here')\n")[1] == "still here\n"
+    context.close()

@@ -5,6 +5,8 @@ from __future__ import annotations
 import io
 import itertools
 import math
+import subprocess
+import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -156,6 +158,18 @@ def test_worlds_are_values() -> None:
         scene = world(name)
         assert scene == world(name) and hash(scene) == hash(world(name))
         assert 20 < len(summary(name)) < 100
+
+
+def test_worlds_are_described_without_numpy() -> None:
+    code = """
+import sys
+from bricktwin.worlds import WORLDS, world
+for name in WORLDS:
+    world(name)
+print({"numpy", "mujoco", "PIL"} & set(sys.modules))
+"""
+    ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert ran.stdout == "set()\n"
 
 
 def test_unknown_world_is_named_with_a_hint() -> None:

@@ -78,14 +78,14 @@ class TrialWire:
             )
         shares: list[int] = []
         for number, entry in zip(numbers, self.numbers, strict=True):
-            # written so that a NaN is refused too
+            # Written so that a NaN is refused too.
             if not entry.low <= number <= entry.high:
                 raise protocol.EncodingError(
                     f"'{entry.name}' is {number}; give {entry.low:g} to {entry.high:g}"
                 )
             share = 2.0 * (number - entry.low) / (entry.high - entry.low) - 1.0
             shares.append(round(SHARE_MAX * share))
-        # the last piece is as long as the others
+        # The last piece is as long as the others.
         shares += [0] * (self.pieces * self._per_piece - len(shares))
         frames: list[bytes] = []
         for piece in range(self.pieces):

@@ -52,7 +52,7 @@ class Trial:
 def structure_for(robot: Robot, interface: Interface) -> Oscillators | Feedback:
     """The structure that suits a robot: linear feedback on all channels where a drive base's wheels
     turn, or nothing turns endlessly; else oscillators."""
-    # whether a robot has legs is known only to what would use them
+    # Whether a robot has legs is known only to what would use them.
     if robot.drive_base is None:
         with contextlib.suppress(DescriptionError):
             return oscillators(robot, interface)
@@ -66,7 +66,7 @@ def trial_score(rewards: Sequence[float], settle_steps: int = 0) -> float:
     """Score of a trial of these rewards of its steps: their mean once the robot has settled, with
     less weight towards both ends (Bartlett's window), as the reward goes up and down with each
     stride. NaN without a step."""
-    # a trial that ended while it settled has these rewards only
+    # A trial that ended while it settled has these rewards only.
     counted = list(rewards[settle_steps:]) or list(rewards)
     if not counted:
         return math.nan
@@ -169,7 +169,7 @@ class BayesianSearch:
         if len(numbers) != len(self.entries):
             raise DescriptionError(f"{len(numbers)} numbers; give {len(self.entries)}")
         for number, entry in zip(numbers, self.entries, strict=True):
-            # written so that a NaN is refused too
+            # Written so that a NaN is refused too.
             if not entry.low <= number <= entry.high:
                 raise DescriptionError(
                     f"'{entry.name}' is {number}; give {entry.low:g} to {entry.high:g}"
@@ -196,7 +196,7 @@ class BayesianSearch:
     def candidates(self, near: Sequence[float]) -> Iterator[tuple[float, ...]]:
         """Numbers ``[p]``, first near some and then anywhere."""
         rng = random.Random(derive_seed(self.seed, "candidates", len(self.trials)))
-        # among those drawn anywhere hardly one is near enough to improve on the best known
+        # Among those drawn anywhere hardly one is near enough to improve on the best known.
         for _ in range(CANDIDATES):
             pairs = zip(near, self.entries, strict=True)
             beside = [_beside(number, entry, rng) for number, entry in pairs]
@@ -276,7 +276,7 @@ def _beside(
     """A number near another one, within its range."""
     span = entry.high - entry.low
     beside = number + rng.gauss(0.0, NEAR) * span
-    # beyond its end an angle begins anew, and any other number stops
+    # Beyond its end an angle begins anew, and any other number stops.
     if entry.wraps:
         return entry.low + (beside - entry.low) % span
     return max(entry.low, min(entry.high, beside))

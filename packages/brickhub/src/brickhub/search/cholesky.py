@@ -33,7 +33,7 @@ class Cholesky:
         """
         row = self.half_solve(covariances)
         rest = variance - dot(row, row)
-        # a NaN is refused too
+        # A NaN is refused too.
         if not rest > 0.0:
             raise ValueError("the matrix is not positive definite; add noise to its diagonal")
         row.append(math.sqrt(rest))
@@ -43,7 +43,7 @@ class Cholesky:
         """Solution ``x`` ``[k]`` of ``root @ x = values``."""
         solution: list[float] = []
         for row, value in zip(self.rows, values, strict=True):
-            # the product ends with the solution so far
+            # The product ends with the solution so far.
             solution.append((value - dot(row, solution)) / row[-1])
         return solution
 
@@ -55,7 +55,7 @@ class Cholesky:
             row = self.rows[index]
             value = rest[index] / row[-1]
             solution[index] = value
-            # what this entry adds to all before it, so that rows are read and no columns
+            # What this entry adds to all before it, so that rows are read and no columns.
             rest = [before - value * entry for before, entry in zip(rest, row[:-1], strict=False)]
         return solution
 

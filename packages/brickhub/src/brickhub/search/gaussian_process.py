@@ -63,13 +63,13 @@ class GaussianProcess:
         place = place_of(numbers, self.entries)
         self._scores.append(score)
         self.mean = statistics.fmean(self._scores)
-        # one score has no deviation
+        # One score has no deviation.
         deviation = statistics.stdev(self._scores) if len(self) > 1 else 1.0
         self.unit = max(deviation, _LEAST_UNIT)
         self._places.append(place)
         self._worlds.append(world)
         self._append(place, world)
-        # not when a search that was kept is told its trials again
+        # Not when a search that was kept is told its trials again.
         is_due = len(self) >= self.fitted * _GROWTH
         if is_due and len(self) <= _ENOUGH:
             self._fit_scales()
@@ -143,8 +143,8 @@ class GaussianProcess:
         other_covariances = self._covariances(second, world)
         differences = [one - two for one, two in zip(covariances, other_covariances, strict=True)]
         half = self._root.half_solve(differences)
-        # of both together: near each other they rise and fall as one, and the difference is known
-        # better than either
+        # Of both together: near each other they rise and fall as one, and the difference is known
+        # better than either.
         in_common = self.scales.covariance(nearness(first, second), world > 0)
         beforehand = 2.0 * (self.scales.variance(world) - in_common)
         variance = max(beforehand - dot(half, half), 0.0)
@@ -190,7 +190,7 @@ class GaussianProcess:
             part = (covariance - dot(row, half)) / row[-1]
             half.append(part)
             variance -= part * part
-            # squared, so that no optimism at all is no special case
+            # Squared, so that no optimism at all is no special case.
             if optimism**2 * variance < missing**2:
                 return -math.inf
         return mean + optimism * math.sqrt(max(variance, _LEAST_VARIANCE))

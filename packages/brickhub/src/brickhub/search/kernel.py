@@ -96,7 +96,7 @@ def stretched(point: Point, entries: Sequence[Entry], scales: Scales) -> Point:
     """A place in units of the lengths."""
     stretches: list[float] = []
     for entry, length in zip(entries, scales.lengths, strict=True):
-        # an angle has two coordinates, of one length
+        # An angle has two coordinates, of one length.
         stretches += [1.0 / length] * (2 if entry.wraps else 1)
     return tuple(map(float.__mul__, point, stretches))
 

@@ -139,7 +139,7 @@ def oscillators(
     legs: list[Leg] = []
     for place, group in enumerate(groups):
         for in_mirror, name in enumerate(group):
-            # a motor that is mounted the other way round walks forwards by turning backwards
+            # A motor that is mounted the other way round walks forwards by turning backwards.
             sign = robot.in_mirror(name)[1] if in_mirror else 1
             leg = Leg(
                 angle=angles[f"{name}_angle"],
@@ -167,7 +167,7 @@ def _groups(robot: Robot, names: Sequence[str]) -> list[tuple[str, ...]]:
     """Legs by pairs of mirror images; a leg without one is a group of its own."""
     groups: list[tuple[str, ...]] = []
     for left, right in robot.mirrored:
-        # a motor in the middle is its own image
+        # A motor in the middle is its own image.
         if left in names and right in names and left != right:
             groups.append((left, right))
     paired = {name for group in groups for name in group}
@@ -182,12 +182,12 @@ def _turns_deg(
 ) -> dict[str, float]:
     """Degrees that an action of 1 turns in a step, by the name of each motor that turns endlessly
     and whose angle is observed."""
-    # of steps without a fixed time, a second is as good as any
+    # Of steps without a fixed time, a second is as good as any.
     step_ms = interface.settle.fixed_ms or 1000
     turns_deg: dict[str, float] = {}
     for command in interface.commands:
         if command.unit == "deg":
-            # a command of an absolute angle turns by nothing that is known here
+            # A command of an absolute angle turns by nothing that is known here.
             deg_per_unit = float(command.is_turn_by)
         elif command.unit == "deg/s":
             deg_per_unit = step_ms / 1000.0

@@ -176,7 +176,7 @@ def _differences(root: Cholesky, weights: Sequence[float]) -> tuple[list[float],
     for row, column in enumerate(columns):
         weight = weights[row]
         for other in range(row):
-            # a column begins at its diagonal, and what is above it is 0
+            # A column begins at its diagonal, and what is above it is 0.
             inverse = dot(column, columns[other][row - other :])
             off_diagonal.append(inverse - weight * weights[other])
         on_diagonal.append(dot(column, column) - weight * weight)
@@ -194,7 +194,7 @@ def most_probable(surprise: Surprise, start: Sequence[float]) -> list[float]:
         try:
             value, slopes = surprise(logarithms)
         except ValueError:
-            # so far out that rounding decides: what was best so far is good enough
+            # So far out that rounding decides: what was best so far is good enough.
             break
         if value < least:
             least = value
@@ -208,7 +208,7 @@ def most_probable(surprise: Surprise, start: Sequence[float]) -> list[float]:
                 steps[index] *= _FASTER
             elif agreement < 0.0:
                 steps[index] *= _SLOWER
-                # a step that has just turned is not judged again
+                # A step that has just turned is not judged again.
                 slope = 0.0
             slopes_before[index] = slope
             logarithms[index] -= math.copysign(steps[index], slopes[index])

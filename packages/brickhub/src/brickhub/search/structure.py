@@ -36,7 +36,7 @@ class HubStructure(Structure, Protocol):
 
 def source_by(structure: HubStructure, numbers: Sequence[float]) -> str:
     """MicroPython that acts by numbers ``[p]``: ``act(observed)``."""
-    # five digits are a hundredth of a degree, which is finer than motors turn
+    # Five digits are a hundredth of a degree, which is finer than motors turn.
     listed = ", ".join(f"{number:.5g}" for number in numbers)
     lines = [
         structure.hub_source(),

@@ -19,6 +19,7 @@ from bricksrl.data.dataset import (
     Dataset,
     Episode,
     EpisodeRow,
+    existing_dataset,
     read_dataset,
     read_description,
     read_rows,
@@ -34,9 +35,10 @@ STEPS_PER_FILE = 20_000
 
 def merge(sources: Sequence[Path], out: Path) -> Dataset:
     """Merge the episodes of all ``sources``, in order, into a new dataset; a single source is
-    copied compactly. Raises DataError if a source is damaged, their descriptions differ, or ``out``
-    exists."""
+    copied compactly. Raises DataError if a source is damaged or named twice, their descriptions
+    differ, or ``out`` exists."""
     refuse_target(out)
+    _refuse_twice(sources)
     datasets = [read_dataset(source) for source in sources]
     for source, dataset in zip(sources[1:], datasets[1:], strict=True):
         differences = datasets[0].description.differences(dataset.description)
@@ -47,6 +49,17 @@ def merge(sources: Sequence[Path], out: Path) -> Dataset:
             )
     episodes = (map(EpisodeReader(dataset).read, dataset.rows) for dataset in datasets)
     return write_dataset(out, datasets[0].description, itertools.chain.from_iterable(episodes))
+
+
+def _refuse_twice(sources: Sequence[Path]) -> None:
+    """Raise DataError if two sources are one dataset, also by other names: a link, or a run and its
+    folder data. Each of its episodes would count twice."""
+    seen: set[Path] = set()
+    for source in sources:
+        folder = existing_dataset(source).resolve()
+        if folder in seen:
+            raise DataError(f"{source} is named twice; name it once")
+        seen.add(folder)
 
 
 def split(
@@ -77,6 +90,10 @@ def split(
         refuse_target(target)
     if first.resolve() == second.resolve():
         raise DataError(f"both parts are to go to {first}; give each a separate folder")
+    # Before anything is written, which takes long.
+    for inner, outer in ((first, second), (second, first)):
+        if inner.resolve().is_relative_to(outer.resolve()):
+            raise DataError(f"{inner} is to be within {outer}; give each part a separate folder")
     read = EpisodeReader(dataset).read
     part = write_dataset(first, dataset.description, map(read, drawn))
     try:

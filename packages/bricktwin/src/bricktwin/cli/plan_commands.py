@@ -88,6 +88,10 @@ class CheckPlan:
         return 0
 
 
+_ENDINGS = {"csv": ".csv", "rebrickable": ".csv", "bricklink": ".xml"}
+"""Endings of the files of parts by format: by its ending a spreadsheet or a shop knows a file."""
+
+
 @dataclass(frozen=True)
 class PlanParts:
     """List the parts of a building plan, as a table or as a file for part shops, and the sets that
@@ -116,6 +120,11 @@ class PlanParts:
     def execute(self) -> None:
         if self.out is None:
             refuse_ignored(self, ("--plan", "--own"), "without --out")
+        elif self.out.suffix.lower() != _ENDINGS[self.format]:
+            raise PlanError(
+                f"'{self.out}' is not a name of a parts list in the format {self.format}; end it "
+                f"in {_ENDINGS[self.format]}"
+            )
         if self.plan is None:
             self._print_catalogue()
             return

@@ -1,7 +1,5 @@
 """Robots of a site: for each robot and world a file with its physics and how it is drawn."""
 
-import gzip
-import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -10,6 +8,7 @@ from brickhub.files import as_file_name
 from brickhub.robot import Robot
 from bricktwin.robots import ROBO_ARM, SCOUT, TWO_WHEELER, WALKER
 from bricktwin.site.robot_files import robot_file
+from bricktwin.site.storing import write_packed_json
 from bricktwin.site.tab.lessons import described as described_lesson
 from bricktwin.site.tab.lessons import lesson_for
 from bricktwin.twin.make_body import make_body
@@ -19,8 +18,6 @@ from bricktwin.view.body_drawing import drawing_of
 from bricktwin.view.drawing import poses
 from bricktwin.worlds import WORLDS, world
 
-PACKED = ".packed"
-"""Ending of a file that is stored in gzip's format."""
 OWN = (TWO_WHEELER, WALKER, SCOUT, ROBO_ARM)
 _TITLES = {"two-wheeler": "2Wheeler", "walker": "Walker", "scout": "Scout", "robo-arm": "RoboArm"}
 _OPEN = "open floor"
@@ -83,7 +80,7 @@ def _write_worlds(
         if is_first:
             # Those of the robot itself are in all of its worlds.
             meshes = described["meshes"]
-            write_packed(site / folder / "meshes.json", meshes)
+            write_packed_json(site / folder / "meshes.json", meshes)
         described["meshes"] = [
             meshes.index(mesh) if mesh in meshes else mesh for mesh in described["meshes"]
         ]
@@ -91,7 +88,7 @@ def _write_worlds(
             described["view"].update(_BEHIND)
         title = name.replace("-", " ")
         path = f"{folder}/{as_file_name(name)}.json"
-        write_packed(site / path, {"robot": file, "drawing": described, "start": _start(body)})
+        write_packed_json(site / path, {"robot": file, "drawing": described, "start": _start(body)})
         lesson = lesson_for(robot, name)
         taught = None if lesson is None else described_lesson(lesson)
         index.append({"name": name, "title": title, "file": path, "lesson": taught})
@@ -104,9 +101,3 @@ def _start(body: MujocoBody) -> list[float]:
     numbers = [drawn.model_body for drawn in drawing_of(body).bodies]
     frame = poses(body.data.xpos[numbers], body.data.xquat[numbers])
     return [round(value, 5) for value in frame.ravel().tolist()]
-
-
-def write_packed(path: Path, content: object) -> None:
-    """Store values as compressed JSON, under ``path`` with another ending."""
-    text = json.dumps(content, ensure_ascii=False, separators=(",", ":"))
-    path.with_name(path.name + PACKED).write_bytes(gzip.compress(text.encode(), 9, mtime=0))

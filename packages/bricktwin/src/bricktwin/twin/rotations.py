@@ -95,17 +95,13 @@ def turn_between(now: Sequence[float], before: Sequence[float]) -> Vector:
     w, x, y, z = product(inverse(before), now)
     sine = math.sqrt(x * x + y * y + z * z)
     if sine < _LEAST:
-        # No turn, so any axis will do; the angle is 0 or a whole turn.
-        x, y, z = 1.0, 0.0, 0.0
-    else:
-        scale = 1.0 / sine
-        x *= scale
-        y *= scale
-        z *= scale
+        # No turn, or a whole one.
+        return 0.0, 0.0, 0.0
     angle = 2.0 * math.atan2(sine, w)
     if angle > math.pi:
         angle -= 2.0 * math.pi
-    return x * angle, y * angle, z * angle
+    scale = 1.0 / sine
+    return x * scale * angle, y * scale * angle, z * scale * angle
 
 
 def about(axis: Vector, angle: float) -> Quaternion:

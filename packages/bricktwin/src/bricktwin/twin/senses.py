@@ -15,7 +15,7 @@ from typing import Protocol
 from brickhub.robot import SensorKind
 from bricktwin.twin.conventions import OBSTACLE_GROUP, object_name
 from bricktwin.twin.engine import Engine
-from bricktwin.twin.objects import COLORS, Lamp, Picture, Point
+from bricktwin.twin.objects import COLORS, Field, Lamp, Line, Mark, Picture, Point
 from bricktwin.twin.rotations import (
     Quaternion,
     Vector,
@@ -286,8 +286,8 @@ class WorldSenses:
     ) -> None:
         self._engine = engine
         self._scene = scene
-        self._marks = scene.marks[::-1]
-        """Marks from the uppermost one, which hides those below it."""
+        # The uppermost mark is the last, and hides those below it.
+        self._marks: list[Mark] = scene.marks[::-1]
         self._lamps = [item for item in scene.objects if isinstance(item, Lamp)]
         self._colors: dict[int, Vector] = {}
         """Colours of the scene's objects, by the indices of their geometries."""
@@ -365,43 +365,79 @@ class WorldSenses:
     ) -> Vector:
         """Mean colour of the spot on the floor at ``point_m`` that is seen from a distance."""
         radius_mm = _SPOT_MM + _SPOT_RATIO * distance_m * 1000.0
-        middle_x = point_m[0] * 1000.0
-        middle_y = point_m[1] * 1000.0
+        middle_mm = (point_m[0] * 1000.0, point_m[1] * 1000.0)
+        # Points that no mark has covered so far, and the colours of the others with their numbers.
+        bare = self._disc
+        seen: list[tuple[int, Vector]] = []
+        for mark in self._marks:
+            if isinstance(mark, Picture):
+                bare, colors = _beside_picture(
+                    mark,
+                    bare,
+                    middle_mm,
+                    radius_mm,
+                )
+                seen += colors
+            else:
+                left = _beside(
+                    mark,
+                    bare,
+                    middle_mm,
+                    radius_mm,
+                )
+                if left is not bare:
+                    seen.append((len(bare) - len(left), COLORS[mark.color]))
+                bare = left
+            if not bare:
+                break
+        seen.append((len(bare), FLOOR))
         red = 0.0
         green = 0.0
         blue = 0.0
-        # Points of the spot that no mark has covered so far.
-        bare = self._disc
-        for mark in self._marks:
-            if isinstance(mark, Picture):
-                left = []
-                for x, y in bare:
-                    pixel = mark.color_at(middle_x + radius_mm * x, middle_y + radius_mm * y)
-                    if pixel is None:
-                        left.append((x, y))
-                    else:
-                        red += pixel[0] / _POINTS
-                        green += pixel[1] / _POINTS
-                        blue += pixel[2] / _POINTS
-                bare = left
-                continue
-            beyond_mm = mark.beyond_mm(middle_x, middle_y)
-            # No point of the spot is farther from its middle than the radius.
-            if beyond_mm > radius_mm:
-                continue
-            left = []
-            if beyond_mm > -radius_mm:
-                for x, y in bare:
-                    if mark.beyond_mm(middle_x + radius_mm * x, middle_y + radius_mm * y) > 0.0:
-                        left.append((x, y))
-            color = COLORS[mark.color]
-            share = (len(bare) - len(left)) / _POINTS
-            red += share * color[0]
-            green += share * color[1]
-            blue += share * color[2]
-            bare = left
-            if not bare:
-                break
-        share = len(bare) / _POINTS
-        floor_red, floor_green, floor_blue = FLOOR
-        return red + share * floor_red, green + share * floor_green, blue + share * floor_blue
+        for count, (part_red, part_green, part_blue) in seen:
+            share = count / _POINTS
+            red += share * part_red
+            green += share * part_green
+            blue += share * part_blue
+        return red, green, blue
+
+
+def _beside(
+    mark: Line | Field,
+    points: list[Point],
+    middle_mm: Point,
+    radius_mm: float,
+) -> list[Point]:
+    """Those of a spot's points, given in shares of its radius, that a mark does not cover."""
+    middle_x, middle_y = middle_mm
+    beyond_mm = mark.beyond_mm(middle_x, middle_y)
+    # No point of the spot is farther from its middle than the radius.
+    if beyond_mm > radius_mm:
+        return points
+    if beyond_mm <= -radius_mm:
+        return []
+    left = []
+    for x, y in points:
+        if mark.beyond_mm(middle_x + radius_mm * x, middle_y + radius_mm * y) > 0.0:
+            left.append((x, y))
+    return left
+
+
+def _beside_picture(
+    picture: Picture,
+    points: list[Point],
+    middle_mm: Point,
+    radius_mm: float,
+) -> tuple[list[Point], list[tuple[int, Vector]]]:
+    """Those of a spot's points, given in shares of its radius, that are beside a picture, and the
+    colour of each of the others, one time."""
+    middle_x, middle_y = middle_mm
+    left = []
+    seen = []
+    for x, y in points:
+        color = picture.color_at(middle_x + radius_mm * x, middle_y + radius_mm * y)
+        if color is None:
+            left.append((x, y))
+        else:
+            seen.append((1, color))
+    return left, seen

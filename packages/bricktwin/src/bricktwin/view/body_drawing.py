@@ -26,7 +26,13 @@ from bricktwin.view.drawing import (
 
 _GEOM = mujoco.mjtGeom
 _ARC = 6  # segments of a quarter of a circle
-_SPHERE = shapes.box(2.0, 2.0, 2.0, 1.0, _ARC)
+_SPHERE = shapes.box(
+    2.0,
+    2.0,
+    2.0,
+    1.0,
+    _ARC,
+)
 PRIMITIVES: dict[int, Callable[[float, float, float], Mesh]] = {
     _GEOM.mjGEOM_BOX: lambda x, y, z: box((x, y, z)),
     _GEOM.mjGEOM_SPHERE: lambda x, _y, _z: mesh_of(_SPHERE, x),
@@ -69,7 +75,10 @@ def drawing_of(body: MujocoBody) -> Drawing:
     # A robot with a free joint moves about, and the camera with it.
     if model.njnt and model.jnt_type[0] == mujoco.mjtJoint.mjJNT_FREE:
         chassis = int(model.jnt_bodyid[0])
-        view = View(follow=numbers.index(chassis) if chassis in numbers else None)
+        followed = None
+        if chassis in numbers:
+            followed = numbers.index(chassis)
+        view = View(follow=followed)
     bodies = []
     for number in numbers:
         drawn = DrawnBody(model.body(number).name, tuple(shapes_of[number]), number)
@@ -105,8 +114,10 @@ def _shape_of(
         mesh = rectangle(half_x_m, half_y_m)
     else:
         return None
+    color = model.geom_rgba[geom]
     # Without a material MuJoCo writes -1, and the geom has the colour itself.
-    color = model.geom_rgba[geom] if material < 0 else model.mat_rgba[material]
+    if material >= 0:
+        color = model.mat_rgba[material]
     red, green, blue, opacity = color.tolist()
     px, py, pz = model.geom_pos[geom].tolist()
     w, qx, qy, qz = model.geom_quat[geom].tolist()
@@ -125,15 +136,19 @@ def _triangles(model: mujoco.MjModel, mesh: int) -> Mesh:
     """A mesh of the model; a point is repeated for each of its normals, so that sharp edges stay
     sharp."""
     first = int(model.mesh_faceadr[mesh])
-    faces = slice(first, first + int(model.mesh_facenum[mesh]))
+    count = int(model.mesh_facenum[mesh])
+    faces = slice(first, first + count)
     # A corner is a point and a normal, by their numbers in the mesh: [3 * faces, 2].
     point_numbers = model.mesh_face[faces].ravel()
     normal_numbers = model.mesh_facenormal[faces].ravel()
     corners = np.stack([point_numbers, normal_numbers], axis=1)
     corners, index = np.unique(corners, axis=0, return_inverse=True)
-    points = model.mesh_vert[int(model.mesh_vertadr[mesh]) + corners[:, 0]]
-    normals = model.mesh_normal[int(model.mesh_normaladr[mesh]) + corners[:, 1]]
-    return Mesh(points.astype(np.float32), normals.astype(np.float32), index.reshape(-1, 3))
+    first_point = int(model.mesh_vertadr[mesh])
+    first_normal = int(model.mesh_normaladr[mesh])
+    points = model.mesh_vert[first_point + corners[:, 0]]
+    normals = model.mesh_normal[first_normal + corners[:, 1]]
+    triangles = index.reshape(-1, 3)
+    return Mesh(points.astype(np.float32), normals.astype(np.float32), triangles)
 
 
 def _picture(model: mujoco.MjModel, material: int) -> bytes | None:
@@ -149,10 +164,12 @@ def _picture(model: mujoco.MjModel, material: int) -> bytes | None:
     width = int(model.tex_width[texture])
     channels = int(model.tex_nchannel[texture])
     first = int(model.tex_adr[texture])
-    pixels = model.tex_data[first : first + height * width * channels]
-    image = pixels.reshape(height, width, channels)[:, :, :3]
+    last = first + height * width * channels
+    pixels = model.tex_data[first:last]
+    image = pixels.reshape(height, width, channels)
+    rgb = np.ascontiguousarray(image[:, :, :3])
     file = io.BytesIO()
-    Image.fromarray(np.ascontiguousarray(image)).save(file, "PNG")
+    Image.fromarray(rgb).save(file, "PNG")
     return file.getvalue()
 
 

@@ -58,7 +58,11 @@ class Mesh:
                 "a mesh needs points and normals [n, 3] and faces [m, 3]; give arrays of "
                 "these shapes"
             )
-        if len(self.faces) and not 0 <= int(self.faces.min()) <= int(self.faces.max()) < count:
+        if not len(self.faces):
+            return
+        lowest = int(self.faces.min())
+        highest = int(self.faces.max())
+        if lowest < 0 or highest >= count:
             raise TwinError(
                 f"a mesh of {count} points has a face with another one; give numbers below {count}"
             )
@@ -196,14 +200,15 @@ class Drawing:
                     plain["picture"] = pictures.number(hash(shape.picture), shape.picture)
                 shapes.append(plain)
             bodies.append({"name": body.name, "model_body": body.model_body, "shapes": shapes})
+        encoded = [base64.b64encode(picture) for picture in pictures.items]
         return {
             "meshes": [mesh.described() for mesh in meshes.items],
-            "pictures": [base64.b64encode(picture).decode() for picture in pictures.items],
+            "pictures": [text.decode() for text in encoded],
             "bodies": bodies,
             "floor": self.floor_m,
             "view": asdict(self.view),
-            "spinners": [asdict(spinner) for spinner in self.spinners],
-            "rods": [asdict(rod) for rod in self.rods],
+            "spinners": list(map(asdict, self.spinners)),
+            "rods": list(map(asdict, self.rods)),
         }
 
 
@@ -240,7 +245,8 @@ def poses(
         quaternions = np.tile(np.array(NO_TURN, np.float32), (count, 1))
     else:
         quaternions = np.asarray(turns, np.float32)
-    return np.concatenate([positions_m, quaternions.reshape(-1, 4)], axis=1)
+    quaternions = quaternions.reshape(-1, 4)
+    return np.concatenate([positions_m, quaternions], axis=1)
 
 
 # --------------------------------------------------- meshes, by the same code as the looks of twins

@@ -35,8 +35,9 @@ class Mirror:
     ) -> None:
         self.body = body
         drawing = drawing_of(self.body)
-        roots = self.body.model.body_rootid
-        welds = self.body.model.body_weldid
+        model = self.body.model
+        roots = model.body_rootid
+        welds = model.body_weldid
         root = roots[self.body.chassis]
         self.numbers: list[int] = []
         self._ghost_numbers: list[int] = []
@@ -59,7 +60,9 @@ class Mirror:
         )
         self._ghost: MujocoBody | None = None
         self._goal: Goal | None = None
-        self._ghost_poses = self._hidden = poses([(HIDDEN, 0.0, 0.0)] * len(ghosts))
+        nowhere = [(HIDDEN, 0.0, 0.0)] * len(ghosts)
+        self._hidden = poses(nowhere)
+        self._ghost_poses = self._hidden
 
     def poses(
         self,
@@ -75,7 +78,8 @@ class Mirror:
             data.mocap_pos[:] = moved_m
         self.body.update_visuals()
         shown = poses(data.xpos[self.numbers], data.xquat[self.numbers])
-        return np.concatenate([shown, self._poses_at(goal)])
+        ghost = self._poses_at(goal)
+        return np.concatenate([shown, ghost])
 
     def _poses_at(self, goal: Goal | None) -> Floats:
         if goal is None:

@@ -37,7 +37,14 @@ def squares() -> Scene:
             (side_mm, side_mm),
             (0.0, side_mm),
         )
-        objects.append(Line(corners, 12.0, "grey", closed=True))
+        objects.append(
+            Line(
+                corners,
+                12.0,
+                "grey",
+                closed=True,
+            )
+        )
         for corner, color in zip(corners[1:], ("red", "yellow", "blue"), strict=True):
             objects.append(Field(corner, (60.0, 60.0), color))
     objects.append(Field((0.0, 0.0), (60.0, 60.0), "green"))
@@ -69,7 +76,12 @@ def maze() -> Scene:
 
 
 def _maze_wall(start: Point, end: Point) -> Wall:
-    return Wall(start, end, _MAZE_WALL_MM, color="light_grey")
+    return Wall(
+        start,
+        end,
+        _MAZE_WALL_MM,
+        color="light_grey",
+    )
 
 
 def cans() -> Scene:
@@ -107,7 +119,12 @@ def ramps() -> Scene:
         objects=(
             Ramp((first, 0.0), RAMP_MM, height_mm=_RISE_MM),
             Block((middle, 0.0), (bridge_mm, 300.0, _RISE_MM), "grey"),
-            Ramp((last, 0.0), RAMP_MM, height_mm=_RISE_MM, heading_deg=180.0),
+            Ramp(
+                (last, 0.0),
+                RAMP_MM,
+                height_mm=_RISE_MM,
+                heading_deg=180.0,
+            ),
         )
     )
 
@@ -122,18 +139,40 @@ def room() -> Scene:
 
     The cushion is soft: an ultrasonic sensor hears it late, or not at all.
     """
-    west, east = -600.0, 1800.0
-    south, north = -900.0, 900.0
+    west = -600.0
+    east = 1800.0
+    south = -900.0
+    north = 900.0
     corners: tuple[Point, ...] = ((west, south), (east, south), (east, north), (west, north))
     objects: list[Object] = []
     for start, end in zip(corners, (*corners[1:], corners[0]), strict=True):
-        objects.append(Wall(start, end, 200.0, color="light_grey"))
+        objects.append(
+            Wall(
+                start,
+                end,
+                200.0,
+                color="light_grey",
+            )
+        )
     for x in (900.0, 1400.0):
         for y in (-600.0, -200.0):
-            objects.append(Block((x, y), (40.0, 40.0, 300.0), "brown", round=True))
+            objects.append(
+                Block(
+                    (x, y),
+                    (40.0, 40.0, 300.0),
+                    "brown",
+                    round=True,
+                )
+            )
     objects += [
         Block((1600.0, 650.0), (300.0, 400.0, 250.0), "blue"),
         Block((300.0, 800.0), (800.0, 180.0, 300.0), "brown"),
-        Block((-400.0, -650.0), (320.0, 320.0, 120.0), "purple", heading_deg=20.0, soft=True),
+        Block(
+            (-400.0, -650.0),
+            (320.0, 320.0, 120.0),
+            "purple",
+            heading_deg=20.0,
+            soft=True,
+        ),
     ]
     return Scene(objects=tuple(objects))

@@ -27,11 +27,27 @@ def sumo() -> Scene:
     inner_mm = DOHYO_MM - 2 * BORDER_MM
     return Scene(
         objects=(
-            Field((0.0, 0.0), (DOHYO_MM, DOHYO_MM), "white", round=True),
-            Field((0.0, 0.0), (inner_mm, inner_mm), "black", round=True),
+            Field(
+                (0.0, 0.0),
+                (DOHYO_MM, DOHYO_MM),
+                "white",
+                round=True,
+            ),
+            Field(
+                (0.0, 0.0),
+                (inner_mm, inner_mm),
+                "black",
+                round=True,
+            ),
             Field((-50.0, 0.0), (10.0, 100.0), "brown"),
             Field((50.0, 0.0), (10.0, 100.0), "brown"),
-            Block((120.0, 0.0), (100.0, 100.0, 80.0), "red", mass_g=500.0, spread_mm=(20.0, 80.0)),
+            Block(
+                (120.0, 0.0),
+                (100.0, 100.0, 80.0),
+                "red",
+                mass_g=500.0,
+                spread_mm=(20.0, 80.0),
+            ),
         ),
         start_mm=((-170.0, -170.0), (0.0, 0.0)),
     )
@@ -50,7 +66,12 @@ def football() -> Scene:
     objects: list[Object] = [
         Field((0.0, 0.0), FIELD_MM, "green"),
         Line(((0.0, -north), (0.0, north)), 15.0, "white"),
-        Field((0.0, 0.0), (40.0, 40.0), "black", round=True),
+        Field(
+            (0.0, 0.0),
+            (40.0, 40.0),
+            "black",
+            round=True,
+        ),
         Field((east + depth / 2, 0.0), (depth, GOAL_MM), "yellow"),
         Field((-east - depth / 2, 0.0), (depth, GOAL_MM), "blue"),
     ]
@@ -68,7 +89,12 @@ def football() -> Scene:
 
 
 def _field_wall(start: Point, end: Point) -> Wall:
-    return Wall(start, end, 140.0, color="black")
+    return Wall(
+        start,
+        end,
+        140.0,
+        color="black",
+    )
 
 
 def blocks() -> Scene:

@@ -19,10 +19,24 @@ def rounded(
     that fits. The first and the last corner of an open path stay."""
     if closed:
         ring = (corners[-1], *corners, corners[0])
-        inner = list(zip(ring, ring[1:], ring[2:], strict=False))
+        inner = list(
+            zip(
+                ring,
+                ring[1:],
+                ring[2:],
+                strict=False,
+            )
+        )
         points: list[Point] = []
     else:
-        inner = list(zip(corners, corners[1:], corners[2:], strict=False))
+        inner = list(
+            zip(
+                corners,
+                corners[1:],
+                corners[2:],
+                strict=False,
+            )
+        )
         points = [corners[0]]
     for before, corner, after in inner:
         points += _arc(

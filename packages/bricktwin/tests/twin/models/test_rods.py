@@ -95,7 +95,7 @@ class TestRod:
         assert [rod.name for rod in rods] == ["rod_A", "rod_A_1"]
         model = spec.compile()
         assert model.tendon_length0.tolist() == pytest.approx([0.1, 0.2])
-        assert len(TurningParts(MujocoEngine(model))._rods) == 2
+        assert len(TurningParts(MujocoEngine(model)).rods) == 2
 
     @pytest.mark.parametrize("name", ["box", "rod_box", "spin_box"])
     @pytest.mark.parametrize("user_numbers", [0, 1, 4])

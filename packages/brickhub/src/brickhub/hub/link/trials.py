@@ -54,7 +54,7 @@ class TrialLink(HubLink):
         tilt_deg: float = TILT_DEG,
         **options: Any,
     ) -> None:
-        # before the link is set up, which asks for the program
+        # Before the link is set up, which asks for the program.
         self.trial_wire = TrialWire(interface, robot, numbers)
         self._policy = policy
         self._tilt_deg = tilt_deg

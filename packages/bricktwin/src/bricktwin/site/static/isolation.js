@@ -24,5 +24,9 @@ export async function keepForOffline() {
   if (isAsked || !navigator.serviceWorker?.controller) return;
   isAsked = true;
   const { files } = await (await fetch("files.json")).json();
-  for (const name of Object.keys(files)) if (!name.endsWith(".py")) await fetch(name).then((response) => response.arrayBuffer()).catch(() => null);
+  for (const name of Object.keys(files)) {
+    const isWanted = !name.endsWith(".py") && !(await caches.match(new URL(name, location.href).href));
+    // Without a network it is tried again at the next visit.
+    if (isWanted) await fetch(name).then((response) => response.arrayBuffer()).catch(() => null);
+  }
 }

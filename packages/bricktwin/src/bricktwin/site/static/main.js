@@ -40,7 +40,7 @@ async function begin() {
     },
     failed(text, wasReady) {
       if (teach?.isLearning) teach.end(1);
-      player.end(true);
+      player.abandon();
       state.set("failed");
       note(wasReady
         ? `The program was too much for this browser (${text}). Python starts again; nothing is lost.`
@@ -148,8 +148,12 @@ async function begin() {
     Object.assign(programs, { robot, world });
     programs.keep();
     player.clear(ROW);
-    await stage.choose(robot, world);
-    teach.offer(stage.lesson);
+    try {
+      await stage.choose(robot, world);
+      teach.offer(stage.lesson);
+    } catch (error) {
+      note(`This robot could not be fetched (${error.message}). Is there a network?`);
+    }
   }
 
   function stop() {

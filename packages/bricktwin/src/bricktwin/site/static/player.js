@@ -60,6 +60,12 @@ export class Player {
     if (atOnce) this.clock_ms = this.latest_ms;
   }
 
+  // The run was lost: what came of it is shown, and nobody is told of an end.
+  abandon() {
+    this.end(true);
+    this.isCaughtUp = true;
+  }
+
   seek(ms) {
     this.isPlaying = false;
     this.clock_ms = Math.max(this.frames[0]?.[0] ?? 0, Math.min(ms, this.latest_ms));
