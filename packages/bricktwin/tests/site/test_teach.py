@@ -78,7 +78,7 @@ def test_a_fall_ends_a_trial_and_is_told(monkeypatch: pytest.MonkeyPatch) -> Non
 def test_stop_ends_it_within_a_trial_and_it_goes_on_from_there(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(trial, "TRIAL_STEPS", 4)
+    monkeypatch.setattr(lessons, "_STRIDE_STEPS", 4)
     stopped = TaughtPage(stop_at=70)
     assert teach(stopped, 5) == STOPPED_EXIT_CODE
     assert stopped.frames == 70 and len(stopped.trials) == 1
@@ -92,13 +92,17 @@ def test_stop_ends_it_within_a_trial_and_it_goes_on_from_there(
 
 
 def test_who_can_learn_what() -> None:
-    walk = lesson_for(WALKER)
+    walk = lesson_for(WALKER, "open floor")
     assert walk is not None
     described = lessons.described(walk)
     assert described["goal"] == "walk"
-    assert [number["name"] for number in described["numbers"]] == ["speed", "left_back_phase"]
-    assert lesson_for(ROBO_ARM) is None
-    assert lesson_for(TWO_WHEELER) is None
+    names = [number["name"] for number in described["numbers"]]
+    assert names == ["turns of the legs", "left back lags by"]
+    assert described["trial_s"] == 2.5
+    assert lesson_for(ROBO_ARM, "open floor") is None
+    assert lesson_for(TWO_WHEELER, "open floor") is None
+    stop = lesson_for(TWO_WHEELER, "wall")
+    assert stop is not None and stop.goal == "stop"
 
 
 def test_speed_counts_the_way_ahead_once_it_has_settled() -> None:

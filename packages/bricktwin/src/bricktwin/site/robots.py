@@ -9,7 +9,8 @@ from brickhub.robot import Robot
 from bricktwin.robots import ROBO_ARM, SCOUT, TWO_WHEELER, WALKER
 from bricktwin.site.robot_files import robot_file
 from bricktwin.site.storing import write_packed_json
-from bricktwin.site.tab.lessons import described, lesson_for
+from bricktwin.site.tab.lessons import described as described_lesson
+from bricktwin.site.tab.lessons import lesson_for
 from bricktwin.twin.make_body import make_body
 from bricktwin.twin.mujoco_body import MujocoBody
 from bricktwin.twin.scene import OPEN_FLOOR, Scene
@@ -31,9 +32,9 @@ def write_robots(
     robots: Sequence[Robot],
     worlds_of_drivers: Sequence[str] = tuple(WORLDS),
 ) -> list[dict[str, Any]]:
-    """Write the files of robots into a site; returns its index: name and title of each robot,
-    what it can learn, and name, title and file of each of its worlds. Raises TwinError if a robot
-    has no model.
+    """Write the files of robots into a site; returns its index: name and title of each robot, and
+    name, title and file of each of its worlds, with what it can learn there. Raises TwinError if a
+    robot has no model.
 
     Args:
         site: its folder.
@@ -47,7 +48,6 @@ def write_robots(
             worlds.update({name: world(name) for name in worlds_of_drivers})
         elif robot.needs_imu:
             worlds.update({name: world(name) for name in _WITHOUT_WHEELS})
-        lesson = lesson_for(robot)
         folder = f"robots/{as_file_name(robot.name)}"
         (site / folder).mkdir(parents=True)
         index.append(
@@ -55,7 +55,6 @@ def write_robots(
                 "name": robot.name,
                 "title": _TITLES.get(robot.name, robot.name),
                 "meshes": f"{folder}/meshes.json",
-                "lesson": None if lesson is None else described(lesson),
                 "worlds": _write_worlds(site, folder, robot, worlds),
             }
         )
@@ -67,7 +66,7 @@ def _write_worlds(
     folder: str,
     robot: Robot,
     worlds: dict[str, Scene],
-) -> list[dict[str, str]]:
+) -> list[dict[str, Any]]:
     """Write a robot's meshes, and a file for each world, which names meshes by their numbers."""
     meshes: list[dict[str, str]] = []
     index = []
@@ -90,7 +89,9 @@ def _write_worlds(
         title = name.replace("-", " ")
         path = f"{folder}/{as_file_name(name)}.json"
         write_packed_json(site / path, {"robot": file, "drawing": described, "start": _start(body)})
-        index.append({"name": name, "title": title, "file": path})
+        lesson = lesson_for(robot, name)
+        taught = None if lesson is None else described_lesson(lesson)
+        index.append({"name": name, "title": title, "file": path, "lesson": taught})
     return index
 
 

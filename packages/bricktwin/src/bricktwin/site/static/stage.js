@@ -39,7 +39,7 @@ export class Stage {
     this.world.parentElement.hidden = worlds.length < 2;
     this.view.hidden = !robot;
     this.shown = world?.file ?? null;
-    this.lesson = robot?.lesson ?? null;
+    this.lesson = world?.lesson ?? null;
     if (!robot) return;
     const file = this.shown, read = async (name) => (await fetchPacked(name)).json();
     const [{ drawing, start }, meshes] = await Promise.all([read(file), read(robot.meshes)]);

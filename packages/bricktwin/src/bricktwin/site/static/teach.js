@@ -3,8 +3,12 @@
 import { Chart } from "./chart.js";
 import { make } from "./bench.js";
 
-const TRIALS = 35; // of two and a half seconds each: a minute and a half of the robot's time
-const TITLES = { walk: "Teach it to walk" };
+const TRIALS = 35; // of two and a half seconds each when it walks: a minute and a half of the robot's time
+const TITLES = { walk: "Teach it to walk", stop: "Teach it to stop at the wall" };
+const AIMS = {
+  walk: "Each try takes two and a half seconds. What counts is how fast the robot gets ahead.",
+  stop: "Each try takes four seconds. The robot should soon be 150 mm before the wall, and stay there: each moment there has 100 points.",
+};
 
 export class Teach {
   // `on`: functions start(request), stop(), show(frames), opened(isOpen), take(name, source).
@@ -38,9 +42,10 @@ export class Teach {
     if (!lesson) return;
     this.button.textContent = this.find("title").textContent = TITLES[lesson.goal];
     this.inputs = lesson.numbers.map(({ name, low, high }) =>
-      make("input", { type: "range", min: low, max: high, step: (high - low) / 200, value: (low + high) / 2, ariaLabel: words(name) }));
+      make("input", { type: "range", min: low, max: high, step: (high - low) / 200, value: (low + high) / 2, ariaLabel: name }));
     this.outputs = this.inputs.map(() => make("output", {}));
-    this.find("sliders").replaceChildren(...this.inputs.map((input, i) => make("label", { className: "slider" }, make("span", { textContent: words(lesson.numbers[i].name) }), this.outputs[i], input)));
+    this.find("aim").textContent = AIMS[lesson.goal];
+    this.find("sliders").replaceChildren(...this.inputs.map((input, i) => make("label", { className: "slider" }, make("span", { textContent: lesson.numbers[i].name }), this.outputs[i], input)));
     this.inputs.forEach((input) => (input.oninput = () => {
       this.isByHand = true;
       this.showSliders();
@@ -212,7 +217,7 @@ export class Teach {
       if (best !== null) line.push([robot_s, best]);
     }
     this.curve.draw({
-      x: { title: "seconds of the robot", low: 0, high: Math.max(TRIALS * 2.5, robot_s) },
+      x: { title: "seconds of the robot", low: 0, high: Math.max(TRIALS * this.lesson.trial_s, robot_s) },
       y: { title: this.lesson.unit, low: Math.min(0, ...points.map(({ y }) => y)), high: Math.max(10, ...points.map(({ y }) => y)) },
       points, line,
     });
@@ -224,7 +229,7 @@ export class Teach {
     const [across, along] = this.lesson.numbers;
     const points = this.trials.filter(({ score }) => score !== null).map((trial) => ({ ...this.point(trial), x: trial.numbers[0], y: trial.numbers[1] }));
     const [x, y] = this.inputs.map((input) => Number(input.value));
-    this.landscape.draw({ x: { title: words(across.name), ...across }, y: { title: words(along.name), ...along }, points, cross: [x, y] });
+    this.landscape.draw({ x: { title: across.name, ...across }, y: { title: along.name, ...along }, points, cross: [x, y] });
   }
 
   // A trial as a point: dark and blue for slow, bright and yellow for fast.
@@ -233,8 +238,4 @@ export class Teach {
     const kind = trial.fell ? "fell" : trial === this.best ? "best" : trial.isMine ? "mine" : "";
     return { share, kind, text: `${trial.isMine ? "yours" : `try ${this.trials.indexOf(trial) + 1}`}: ${this.outcome(trial)}` };
   }
-}
-
-function words(name) {
-  return name.replaceAll("_", " ");
 }

@@ -7,23 +7,41 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from brickhub.errors import DescriptionError
-from brickhub.hub.interface import Channel, Interface, MotorAngle, Pitch, Roll, RunAngle, Wait
-from brickhub.robot import Robot
+from brickhub.hub.commands import drive_base
+from brickhub.hub.interface import (
+    Channel,
+    Distance,
+    DriveSpeed,
+    Interface,
+    MotorAngle,
+    Pitch,
+    Roll,
+    RunAngle,
+    Wait,
+)
+from brickhub.robot import Robot, UltrasonicSensor
 from brickhub.search.bayesian_search import trial_score
+from brickhub.search.feedback import Feedback, feature_of
 from brickhub.search.oscillators import oscillators
 from brickhub.search.structure import HubStructure
 from bricktwin.twin.standing import Pose
 
-STEP_MS = 250
-TRIAL_STEPS = 10
-"""Steps of a trial: two and a half seconds, a few strides."""
-SETTLE_STEPS = 3
-"""First steps of a trial, in which the legs find their places."""
+_STRIDE_STEPS = 10
+"""Steps of a trial of legs: two and a half seconds, a few strides."""
+_STRIDE_STEP_MS = 250
+_SETTLE_STEPS = 3
+"""First steps of such a trial, in which the legs find their places."""
 _TURN_DEG = 100.0
 """Largest turn of a leg in a step: more than a loaded motor can do in that time."""
 _LEG_SPEED_DEG_S = 600
-_TROT_SPEED = -0.9
-"""Speed of the trot by which others are judged; legs walk forwards by turning backwards."""
+_APPROACH_STEPS = 40
+_APPROACH_STEP_MS = 100
+_APPROACH_MM_S = 400
+_SIGHT_MM = 1000
+"""Distance beyond which a driving robot takes the wall to be no farther."""
+GAP_MM = 150.0
+"""Where it is to stop."""
+_POINTS_PER_MM = 0.5
 
 
 @dataclass
@@ -49,17 +67,24 @@ class Lesson:
         goal: what is learned, such as "walk".
         interface: commands and channels of the robot.
         structure: what acts by the numbers.
+        labels: of the numbers ``[p]``, for a person.
+        steps: of a trial.
         score: how good a trial was; NaN if nobody knows.
         unit: of the score.
-        reference: numbers ``[p]`` that a person would choose.
     """
 
     goal: str
     interface: Interface
     structure: HubStructure
+    labels: tuple[str, ...]
+    steps: int
     score: Callable[[Record], float]
     unit: str
-    reference: tuple[float, ...]
+
+    @property
+    def step_ms(self) -> int:
+        """Time of a step."""
+        return self.interface.settle.longest_ms
 
 
 def walk(robot: Robot) -> Lesson:
@@ -73,17 +98,19 @@ def walk(robot: Robot) -> Lesson:
     channels: list[Channel] = [MotorAngle(leg) for leg in legs]
     if robot.needs_imu:
         channels += [Pitch(), Roll()]
-    interface = Interface(tuple(commands), tuple(channels), Wait(STEP_MS))
+    interface = Interface(tuple(commands), tuple(channels), Wait(_STRIDE_STEP_MS))
     structure = oscillators(robot, interface)
-    # Each pair of legs half a turn behind the pair before it.
-    phases = [180.0 * (place % 2) for place in range(1, len(structure.numbers))]
+    # All but the speed are phases.
+    names = [entry.name.removesuffix("_phase") for entry in structure.numbers[1:]]
+    lags = [f"{name.replace('_', ' ')} lags by" for name in names]
     return Lesson(
         goal="walk",
         interface=interface,
         structure=structure,
+        labels=("turns of the legs", *lags),
+        steps=_STRIDE_STEPS,
         score=walking_speed,
         unit="mm/s",
-        reference=(_TROT_SPEED, *phases),
     )
 
 
@@ -91,7 +118,7 @@ def walking_speed(record: Record) -> float:
     """Speed in the direction in which the robot stood at first, mm/s."""
     places_mm = [ahead_mm(record.poses[0], pose) for pose in record.poses]
     steps_mm = [after - before for before, after in zip(places_mm, places_mm[1:], strict=False)]
-    return trial_score(steps_mm, SETTLE_STEPS) * 1000 / STEP_MS
+    return trial_score(steps_mm, _SETTLE_STEPS) * 1000 / _STRIDE_STEP_MS
 
 
 def ahead_mm(start: Pose, pose: Pose) -> float:
@@ -103,25 +130,61 @@ def ahead_mm(start: Pose, pose: Pose) -> float:
     return 1000 * (x_m * math.cos(heading) - y_m * math.sin(heading))
 
 
-LESSONS: dict[str, Callable[[Robot], Lesson]] = {"walk": walk}
+def stop_before_wall(robot: Robot) -> Lesson:
+    """Drive up to a wall, and stop before it. Raises DescriptionError without a drive base and an
+    ultrasonic sensor."""
+    eyes = [sensor.name for sensor in robot.sensors if isinstance(sensor, UltrasonicSensor)]
+    if not eyes:
+        raise DescriptionError(f"robot '{robot.name}' sees no wall; give it an ultrasonic sensor")
+    drive_base(robot, "stop before a wall")
+    interface = Interface(
+        (DriveSpeed(-_APPROACH_MM_S, _APPROACH_MM_S),),
+        (Distance(eyes[0], 0.0, _SIGHT_MM),),
+        Wait(_APPROACH_STEP_MS),
+    )
+    distance = feature_of(interface.channels[0].entry, 0)
+    return Lesson(
+        goal="stop",
+        interface=interface,
+        structure=Feedback([distance], 1),
+        labels=("faster when the wall is far", "faster always"),
+        steps=_APPROACH_STEPS,
+        score=nearness,
+        unit="points",
+    )
+
+
+def nearness(record: Record) -> float:
+    """Mean of all steps, of 100 points at `GAP_MM` before the wall and fewer elsewhere: who is
+    there soon, and stays, has most."""
+    points = []
+    for (distance_mm,) in record.observed[1:]:
+        points.append(max(0.0, 100.0 - _POINTS_PER_MM * abs(distance_mm - GAP_MM)))
+    return math.fsum(points) / len(points) if points else math.nan
+
+
+LESSONS: dict[str, Callable[[Robot], Lesson]] = {"walk": walk, "stop": stop_before_wall}
 """Functions that make the lesson of a goal for a robot."""
 
 
-def lesson_for(robot: Robot) -> Lesson | None:
-    """The lesson that suits a robot, if there is one."""
+def lesson_for(robot: Robot, world: str) -> Lesson | None:
+    """The lesson that suits a robot in a world of that name, if there is one."""
     # What drives on wheels does not walk, though its motors turn endlessly too.
-    if robot.drive_base is not None:
-        return None
-    with contextlib.suppress(DescriptionError):
-        return walk(robot)
+    goal = "walk" if robot.drive_base is None else _DRIVING.get(world)
+    if goal is not None:
+        with contextlib.suppress(DescriptionError):
+            return LESSONS[goal](robot)
     return None
+
+
+_DRIVING = {"wall": "stop"}
+"""Goals of robots that drive, by the world."""
 
 
 def described(lesson: Lesson) -> dict[str, Any]:
     """A lesson for the page: ``goal``, ``unit``, and ``numbers`` with their ranges."""
     numbers = []
-    for entry in lesson.structure.numbers:
-        numbers.append(
-            {"name": entry.name, "low": entry.low, "high": entry.high, "unit": entry.unit}
-        )
-    return {"goal": lesson.goal, "unit": lesson.unit, "numbers": numbers}
+    for label, entry in zip(lesson.labels, lesson.structure.numbers, strict=True):
+        numbers.append({"name": label, "low": entry.low, "high": entry.high, "unit": entry.unit})
+    trial_s = lesson.steps * lesson.step_ms / 1000
+    return {"goal": lesson.goal, "unit": lesson.unit, "numbers": numbers, "trial_s": trial_s}

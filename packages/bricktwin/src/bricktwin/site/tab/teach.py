@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from brickhub.search.bayesian_search import BayesianSearch
 from brickhub.virtual.machine import Machine, Pace
 from brickhub.virtual.run import ProgramStopped, interruptible, stop_program
-from bricktwin.site.tab.lessons import LESSONS, STEP_MS, Lesson
+from bricktwin.site.tab.lessons import LESSONS, Lesson
 from bricktwin.site.tab.page import Page
 from bricktwin.site.tab.recorder import FRAME_MS, Recorder
 from bricktwin.site.tab.run import STOPPED_EXIT_CODE
@@ -86,7 +86,7 @@ def one_trial(
         numbers=tried,
         score=score if math.isfinite(score) else None,
         fell=record.has_fallen,
-        seconds=(len(record.poses) - 1) * STEP_MS / 1000,
+        seconds=(len(record.poses) - 1) * lesson.step_ms / 1000,
         source=source,
         state=search.state(),
     )

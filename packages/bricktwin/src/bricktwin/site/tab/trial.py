@@ -12,7 +12,7 @@ from brickhub.virtual.interpreter import execute
 from brickhub.virtual.machine import Machine
 from brickhub.virtual.micropython.exceptions import HostStop
 from brickhub.virtual.pybricks import modules
-from bricktwin.site.tab.lessons import TRIAL_STEPS, Lesson, Record
+from bricktwin.site.tab.lessons import Lesson, Record
 from bricktwin.site.tab.robot_file import Draws
 from bricktwin.twin.body import NoiseSources, TwinBody
 
@@ -67,11 +67,13 @@ class _Console:
 
     Attributes:
         count: channels of a line.
+        steps: of the trial.
         tilts: indices of pitch and roll among them.
     """
 
     body: TwinBody
     count: int
+    steps: int
     tilts: Sequence[int]
     record: Record = field(default_factory=Record)
     inbox: bytearray = field(default_factory=bytearray)
@@ -100,7 +102,7 @@ class _Console:
         record.observed.append(observed)
         record.poses.append(self.body.pose())
         record.has_fallen = any(abs(observed[tilt]) > TILT_DEG for tilt in self.tilts)
-        if record.has_fallen or len(record.poses) > TRIAL_STEPS:
+        if record.has_fallen or len(record.poses) > self.steps:
             raise _Over
 
 
@@ -122,7 +124,12 @@ def try_once(
     for index, channel in enumerate(lesson.interface.channels):
         if isinstance(channel, Pitch | Roll):
             tilts.append(index)
-    console = _Console(body, len(lesson.interface.channels), tilts)
+    console = _Console(
+        body,
+        len(lesson.interface.channels),
+        lesson.steps,
+        tilts,
+    )
     attend(machine)
     try:
         execute(source, NAME, modules(machine, console), console)
