@@ -1,4 +1,4 @@
-"""Teaching on the page: the robot tries, is stopped, a person tries, and a program is made of it."""
+"""Teaching on the page: the robot tries, is stopped, a person tries, a program is made of it."""
 
 from __future__ import annotations
 
