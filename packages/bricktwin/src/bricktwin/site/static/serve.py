@@ -36,7 +36,12 @@ def main():
     words = sys.argv[1:]
     ports = [int(word) for word in words if word.isdigit()]
     handler = functools.partial(Handler, directory=FOLDER)
-    server = http.server.ThreadingHTTPServer(("127.0.0.1", *(ports or [0])), handler)
+    # Port 0 lets the system choose a free one.
+    port = ports[0] if ports else 0
+    try:
+        server = http.server.ThreadingHTTPServer(("127.0.0.1", port), handler)
+    except (OSError, OverflowError) as error:
+        sys.exit(f"error: port {port} cannot be used ({error}); name another one, or none")
     address = f"http://127.0.0.1:{server.server_address[1]}/"
     print(address, flush=True)
     if "--no-browser" not in words:
