@@ -23,7 +23,7 @@ from tensordict import TensorDict
 import bricksrl
 from benchmarks.session import Session
 from bricksrl.agents import make_learner, preset
-from bricksrl.agents.replay.learner import ReplayLearner
+from bricksrl.agents.replay.replay_learner import ReplayLearner
 from bricksrl.envs.env import HubEnv
 from bricksrl.envs.tasks.robo_arm_mixed import GOAL
 from bricksrl.envs.vision.camera import CameraView, TwinCamera, Watch

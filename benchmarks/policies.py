@@ -53,7 +53,7 @@ def plain_of(policy: Policy) -> PlainPolicy:
     from tensordict.nn import NormalParamExtractor
     from torch import nn
 
-    from bricksrl.agents.encoder import Encoder
+    from bricksrl.agents.features.encoder import Encoder
     from bricksrl.agents.networks import Actor
 
     actors = [module for module in policy.modules() if isinstance(module, Actor)]

@@ -133,7 +133,7 @@ def run_other(package: str, agent: str, seed: int, race: Race, *, like_ours: boo
 
     import bricksrl.envs  # registers with Gymnasium
     from bricksrl.agents import preset
-    from bricksrl.agents.features import ObservationEncoder
+    from bricksrl.agents.features.observed import ObservationEncoder
     from bricksrl.envs.transforms import layout_of
 
     env = gymnasium.make(f"bricksrl/{ENV}")

@@ -33,7 +33,7 @@ def engine_of(text: str) -> Any:
         return JsEngine(globals()["start_engine"](text))
     import mujoco
 
-    from bricktwin.twin.mujoco_engine import MujocoEngine
+    from bricktwin.twin.engines.mujoco_engine import MujocoEngine
 
     file = json.loads(text)
     model = mujoco.MjModel.from_xml_string(file["mjcf"])

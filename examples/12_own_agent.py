@@ -9,8 +9,9 @@ from dataclasses import dataclass
 
 from torchrl.objectives import DDPGLoss, SoftUpdate
 
-from bricksrl.agents import encoder, networks, operators, settings
-from bricksrl.agents.replay.learner import off_policy_learner
+from bricksrl.agents import networks, operators, settings
+from bricksrl.agents.features import encoder
+from bricksrl.agents.replay.replay_learner import off_policy_learner
 
 
 @dataclass(frozen=True)

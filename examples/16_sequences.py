@@ -22,7 +22,7 @@ from torchrl.envs.utils import ExplorationType, exploration_type
 from torchrl.objectives.common import LossModule
 
 from bricksrl.agents.gradient_descent import GradientDescent
-from bricksrl.agents.replay.learner import ReplayLearner
+from bricksrl.agents.replay.replay_learner import ReplayLearner
 
 SLICE = 8
 """Steps of a sequence."""

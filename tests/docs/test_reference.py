@@ -20,7 +20,7 @@ DOCUMENTED |= {
     name.strip() for names in re.findall(r":members: (.+)", REFERENCE) for name in names.split(",")
 }
 OF_USERS = (
-    "bricksrl.agents.encoder",
+    "bricksrl.agents.features.encoder",
     "bricksrl.agents.networks",
     "bricksrl.agents.operators",
     "bricksrl.agents.settings",

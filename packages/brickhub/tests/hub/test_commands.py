@@ -47,12 +47,12 @@ TECHNIC = replace(TWO_WHEELER, name="technic", hub=HubKind.TECHNIC, motors=tuple
     replace(motor, port=port) for motor, port in zip(TWO_WHEELER.motors, "AB", strict=True)
 ))  # fmt: skip
 HASHES = {
-    "RoboArm-v0": "336c13e0 f0e16ced",
-    "RoboArm_mixed-v0": "854f9153 0d9d9a04",
-    "RunAway-v0": "df885a13 819d67e4",
-    "Spinning-v0": "46dc0377 03d069bd",
-    "Walker-v0": "06c0260c 8907ffae",
-    "Walker-v1": "06c0260c 8907ffae",
+    "RoboArm-v0": "6334d6c7 035b10ef",
+    "RoboArm_mixed-v0": "a2d6ef9b ad83235f",
+    "RunAway-v0": "c095bdb6 0e66dd08",
+    "Spinning-v0": "5812adce c2480909",
+    "Walker-v0": "d614debb a42f90f6",
+    "Walker-v1": "d614debb a42f90f6",
 }
 
 

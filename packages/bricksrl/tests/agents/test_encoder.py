@@ -13,8 +13,8 @@ from torchrl.data import Composite
 from toys import Cart
 
 from brickhub.entry import Entry
-from bricksrl.agents.encoder import Encoder, encoder_keys, make_encoder
-from bricksrl.agents.features import PAST_SHARE, ObservationEncoder
+from bricksrl.agents.features.encoder import Encoder, encoder_keys, make_encoder
+from bricksrl.agents.features.observed import PAST_SHARE, ObservationEncoder
 from bricksrl.agents.image_networks import Convolutions, Keypoints, shift_images
 from bricksrl.agents.networks import mlp
 from bricksrl.envs.specs import ImageShape, NominalBounded, ObservationLayout

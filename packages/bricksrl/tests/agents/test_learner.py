@@ -26,12 +26,12 @@ from torchrl.data import LazyTensorStorage, SamplerWithoutReplacement, TensorDic
 from torchrl.objectives.common import LossModule
 
 import bricksrl
-from bricksrl.agents.features import ENOUGH, reward_unit
+from bricksrl.agents.features.observed import ENOUGH, reward_unit
 from bricksrl.agents.gradient_descent import GradientDescent
 from bricksrl.agents.learner import Learner
 from bricksrl.agents.on_policy import OnPolicyLearner
 from bricksrl.agents.replay.buffer import TransitionReplayBuffer, make_replay_buffer
-from bricksrl.agents.replay.learner import ReplayLearner
+from bricksrl.agents.replay.replay_learner import ReplayLearner
 from bricksrl.agents.td3 import TD3Loss
 from bricksrl.errors import RunError
 

@@ -44,7 +44,7 @@ from torchrl.envs.utils import ExplorationType, set_exploration_type
 
 import bricksrl
 from bricksrl.agents import make_learner, preset
-from bricksrl.agents.encoder import Encoder, encode, make_encoder
+from bricksrl.agents.features.encoder import Encoder, encode, make_encoder
 from bricksrl.envs.rollout import play_episodes
 from bricksrl.envs.specs import ObservationLayout
 from bricksrl.envs.transforms import (

@@ -20,12 +20,12 @@ from typing import Annotated
 import torch
 from torchrl.objectives import DDPGLoss, SoftUpdate
 
-from bricksrl.agents.encoder import make_encoder
+from bricksrl.agents.features.encoder import make_encoder
 from bricksrl.agents.gradient_descent import GradientDescent
 from bricksrl.agents.networks import action_size, action_spec, deterministic_policy, make_body
 from bricksrl.agents.operators import critic_operator
 from bricksrl.agents.replay.buffer import make_replay_buffer
-from bricksrl.agents.replay.learner import ReplayLearner
+from bricksrl.agents.replay.replay_learner import ReplayLearner
 from bricksrl.agents.settings import OffPolicySettings, Range
 
 

@@ -457,7 +457,7 @@ def test_missing_graphics_library_disables_pictures_only() -> None:
 @pytest.mark.parametrize("env_id", ["Walker-v2", "RoboArmSim-v0"])
 def test_features_are_those_of_our_agents(env_id):
     from bricksrl.agents import preset
-    from bricksrl.agents.encoder import make_encoder
+    from bricksrl.agents.features.encoder import make_encoder
     from bricksrl.interfaces.gymnasium import FeatureObservation
 
     env = FeatureObservation(gymnasium.make(f"bricksrl/{env_id}"))

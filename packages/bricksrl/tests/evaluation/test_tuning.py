@@ -11,7 +11,7 @@ import torch
 
 from brickhub.files import only_writer
 from bricksrl.agents import preset
-from bricksrl.agents.replay.learner import ReplayLearner
+from bricksrl.agents.replay.replay_learner import ReplayLearner
 from bricksrl.errors import RunError, UnknownNameError
 from bricksrl.evaluation import tuning
 from bricksrl.evaluation.settings_text import read_settings

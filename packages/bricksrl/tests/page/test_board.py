@@ -10,7 +10,7 @@ import numpy as np
 from brickhub.entry import Entry
 from bricksrl.page.board import IMAGE, POSES, Board, BoardReader, Series, to_json
 from bricksrl.page.live import PageDriver, stick_map
-from bricktwin.view.drawing import Drawing, DrawnBody, Shape, box, poses
+from bricktwin.view.drawing_of_body import Drawing, DrawnBody, Shape, box, poses
 
 
 def test_reader_gets_snapshot_then_changes() -> None:

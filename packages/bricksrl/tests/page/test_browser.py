@@ -30,7 +30,7 @@ from bricksrl.policies.policy import random_player
 from bricktwin.twin.make_body import make_body
 from bricktwin.twin.objects import COLORS, Field, Line, Mark
 from bricktwin.twin.scene import Scene
-from bricktwin.view.drawing import View
+from bricktwin.view.drawing_of_body import View
 from bricktwin.view.mirror import Mirror
 
 pytestmark = pytest.mark.realtime

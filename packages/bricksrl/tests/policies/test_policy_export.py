@@ -12,7 +12,7 @@ import torch
 
 from bricksrl import make
 from bricksrl.agents import preset
-from bricksrl.agents.features import SeenInputs
+from bricksrl.agents.features.observed import SeenInputs
 from bricksrl.cli import main
 from bricksrl.errors import CheckpointError, RunError
 from bricksrl.policies import export, load_policy

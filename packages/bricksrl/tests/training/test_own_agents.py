@@ -34,7 +34,7 @@ from torchrl.modules import NormalParamExtractor, ProbabilisticActor, TanhNormal
 from torchrl.objectives import REDQLoss, SoftUpdate
 
 from bricksrl.agents.gradient_descent import GradientDescent
-from bricksrl.agents.replay.learner import ReplayLearner
+from bricksrl.agents.replay.replay_learner import ReplayLearner
 
 
 @dataclass(frozen=True)

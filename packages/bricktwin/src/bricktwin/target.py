@@ -13,8 +13,8 @@ from brickhub.user_files import is_reference, load_object, objects_in, without_n
 from brickhub.virtual.body import Body
 from bricktwin import robots
 from bricktwin.robots.planned import completed, is_plan, robot_of_plan
+from bricktwin.twin.floor_picture import read_picture
 from bricktwin.twin.make_body import lies_on_bench, make_body
-from bricktwin.twin.picture import read_picture
 from bricktwin.twin.scene import Scene
 from bricktwin.worlds import WORLDS, world
 from bricktwin.worlds.games import TABLE_MM, table

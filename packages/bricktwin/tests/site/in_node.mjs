@@ -17,7 +17,7 @@ const load = (path) => import(pathToFileURL(path).href);
 const { loadPyodide } = await load(join(modules, "pyodide/pyodide.mjs"));
 const { default: loadMujoco } = await load(join(modules, "@mujoco/mujoco/mujoco.js"));
 const here = dirname(fileURLToPath(import.meta.url));
-const { Engine } = await load(join(here, "../../src/bricktwin/site/static/engine.js"));
+const { Engine } = await load(join(here, "../../src/bricktwin/site/worker/engine.js"));
 const MpyCross = createRequire(import.meta.url)(join(modules, "@pybricks/mpy-cross-v6/build/mpy-cross-v6.js"));
 
 const [python, mujoco] = await Promise.all([loadPyodide({ indexURL: join(modules, "pyodide") }), loadMujoco()]);

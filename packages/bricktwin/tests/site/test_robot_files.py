@@ -26,10 +26,10 @@ from bricktwin.site.robot_files import robot_file
 from bricktwin.site.tab.plain_values import plain, read_plain
 from bricktwin.site.tab.robot_file import body_of, robot_in, scene_in
 from bricktwin.twin.body import TwinBody
+from bricktwin.twin.engines.mujoco_engine import MujocoEngine
 from bricktwin.twin.make_body import make_body
 from bricktwin.twin.models.kept_models import robot_model
 from bricktwin.twin.mujoco_body import MujocoBody
-from bricktwin.twin.mujoco_engine import MujocoEngine
 from bricktwin.twin.objects import Block, Field, Lamp, Line, Picture, Ramp, Wall, oval
 from bricktwin.twin.physics import Physics, RandomPhysics
 from bricktwin.twin.scene import OPEN_FLOOR, Scene

@@ -12,10 +12,10 @@ from brickhub.errors import TwinError
 from brickhub.robot import Sense
 from bricktwin.kept import described
 from bricktwin.robots import SCOUT
+from bricktwin.twin.floor_picture import Picture, faults_of_picture, read_picture
 from bricktwin.twin.make_body import make_body
 from bricktwin.twin.mujoco_body import MujocoBody
 from bricktwin.twin.objects import Field
-from bricktwin.twin.picture import Picture, faults_of_picture, read_picture
 from bricktwin.twin.scene import Scene
 from bricktwin.view.body_drawing import drawing_of
 

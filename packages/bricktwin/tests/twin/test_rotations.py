@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from bricktwin.twin.rotations import (
+from bricktwin.twin.engines.rotations import (
     Quaternion,
     Vector,
     about,

@@ -14,7 +14,7 @@ from bricktwin.robots import ROBO_ARM, TWO_WHEELER, WALKER
 from bricktwin.twin.make_body import make_body
 from bricktwin.twin.scene import OPEN_FLOOR, Scene
 from bricktwin.view.body_drawing import PRIMITIVES, drawing_of
-from bricktwin.view.drawing import HIDDEN, Drawing, DrawnBody, Mesh, Shape, box, poses
+from bricktwin.view.drawing_of_body import HIDDEN, Drawing, DrawnBody, Mesh, Shape, box, poses
 from bricktwin.view.mirror import Mirror
 
 

@@ -14,7 +14,7 @@ from brickhub.robot import HubKind, Motor, Robot
 from bricktwin.robots import WALKER
 from bricktwin.twin.make_body import make_body
 from bricktwin.view.body_drawing import drawing_of
-from bricktwin.view.drawing import poses
+from bricktwin.view.drawing_of_body import poses
 from bricktwin.view.script import FOLDER, one_script
 
 ARRAYS = ("xpos", "xquat", "qpos", "site_xpos")

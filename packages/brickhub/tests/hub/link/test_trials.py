@@ -15,7 +15,7 @@ from brickhub.errors import HubError, HubTimeoutError, SilentHubError, StoppedEr
 from brickhub.hub.interface import Interface, MotorAngle, RunAngle, UntilDone, Wait
 from brickhub.hub.link.profiles import PROFILES
 from brickhub.hub.link.states import LinkState
-from brickhub.hub.link.trials import TrialLink
+from brickhub.hub.link.trial_link import TrialLink
 from brickhub.hub.program.compile import compile_program, program_blob
 from brickhub.hub.protocol import EncodingError
 from brickhub.hub.transport import Pipe

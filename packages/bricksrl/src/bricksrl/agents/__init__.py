@@ -157,7 +157,7 @@ def make_learner(
     user's code raised."""
     from bricksrl.agents.learner import Learner
     from bricksrl.agents.replay.augmentation import augmentations
-    from bricksrl.agents.replay.learner import ReplayLearner
+    from bricksrl.agents.replay.replay_learner import ReplayLearner
     from bricksrl.agents.settings import OffPolicySettings
     from bricksrl.envs.transforms import layout_of, prepare, with_unit_actions
 

@@ -14,7 +14,7 @@ from torchrl.objectives.common import LossModule
 from torchrl.objectives.utils import hold_out_net
 
 from bricksrl.agents.anchor import REACH, REACH_ON_BASE, STEPS, PolicyAnchor, layers_of
-from bricksrl.agents.encoder import encode, encoder_keys
+from bricksrl.agents.features.encoder import encode, encoder_keys
 from bricksrl.agents.settings import CriticSettings, OffPolicySettings
 from bricksrl.errors import RunError
 

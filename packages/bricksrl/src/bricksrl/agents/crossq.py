@@ -8,9 +8,9 @@ from torch import Tensor, nn
 from torchrl.envs import EnvBase
 
 from bricksrl.agents.actor_critic import Batch, Critics
-from bricksrl.agents.encoder import make_encoder
+from bricksrl.agents.features.encoder import make_encoder
 from bricksrl.agents.networks import BatchNorm, action_size, action_spec, gaussian_policy, make_body
-from bricksrl.agents.replay.learner import ReplayLearner, off_policy_learner
+from bricksrl.agents.replay.replay_learner import ReplayLearner, off_policy_learner
 from bricksrl.agents.sac import SACLoss
 from bricksrl.agents.settings import (
     IMAGES_OFF_POLICY,

@@ -1,9 +1,10 @@
 """Learner: what training needs of an algorithm. It acts, remembers, learns, and has a state.
 
-Four ways to learn stand behind it: from a replay buffer (`bricksrl.agents.replay.learner`), from
-what the policy does now (`bricksrl.agents.on_policy`), from a dataset alone
-(`bricksrl.agents.offline.imitation`), and by search (`bricksrl.agents.search.gait`). The first
-three descend a gradient, see `bricksrl.agents.gradient_descent`.
+Four ways to learn stand behind it: from a replay buffer
+(`bricksrl.agents.replay.replay_learner`), from what the policy does now
+(`bricksrl.agents.on_policy`), from a dataset alone (`bricksrl.agents.offline.imitation`), and by
+search (`bricksrl.agents.search.gait`). The first three descend a gradient, see
+`bricksrl.agents.gradient_descent`.
 """
 
 import copy
@@ -17,7 +18,7 @@ from tensordict.nn import TensorDictModuleBase
 from torch import Tensor
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 
-from bricksrl.agents.encoder import Encoder
+from bricksrl.agents.features.encoder import Encoder
 from bricksrl.errors import BricksError, CheckpointError, RunError, message_of
 
 

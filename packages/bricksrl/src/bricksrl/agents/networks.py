@@ -13,7 +13,7 @@ from torchrl.envs import EnvBase
 from torchrl.modules import AdditiveGaussianModule, ProbabilisticActor, TanhNormal
 
 from brickhub.user_files import calling, is_reference, load_object
-from bricksrl.agents.encoder import encoder_keys
+from bricksrl.agents.features.encoder import encoder_keys
 from bricksrl.agents.settings import Norm, Settings
 from bricksrl.errors import DescriptionError, UnknownNameError, message_of
 

@@ -4,7 +4,7 @@ import torch
 from torch import Tensor, nn
 from torchrl.modules import ValueOperator
 
-from bricksrl.agents.encoder import encoder_keys
+from bricksrl.agents.features.encoder import encoder_keys
 from bricksrl.agents.networks import Actor
 
 

@@ -11,7 +11,7 @@ from torchrl.envs import EnvBase
 from torchrl.objectives import ClipPPOLoss
 from torchrl.objectives.value import GAE
 
-from bricksrl.agents.encoder import make_encoder
+from bricksrl.agents.features.encoder import make_encoder
 from bricksrl.agents.gradient_descent import GradientDescent, adam
 from bricksrl.agents.networks import action_size, action_spec, gaussian_policy, make_body
 from bricksrl.agents.on_policy import OnPolicyLearner

@@ -15,9 +15,9 @@ from torch.nn import functional
 from torchrl.envs import EnvBase
 
 from bricksrl.agents.actor_critic import ActorCriticLoss, Batch, Critics, PolyakUpdate, on_base
-from bricksrl.agents.encoder import make_encoder
+from bricksrl.agents.features.encoder import make_encoder
 from bricksrl.agents.networks import action_size, action_spec, gaussian_policy, make_body
-from bricksrl.agents.replay.learner import ReplayLearner, off_policy_learner
+from bricksrl.agents.replay.replay_learner import ReplayLearner, off_policy_learner
 from bricksrl.agents.settings import (
     IMAGES_TARGETS,
     PAPER_TARGETS,

@@ -13,7 +13,7 @@ from torchrl.envs.utils import ExplorationType, set_exploration_type
 
 from bricksrl.agents.actor_critic import ActorCriticLoss, on_base
 from bricksrl.agents.anchor import layers_of
-from bricksrl.agents.encoder import Encoder, encode
+from bricksrl.agents.features.encoder import Encoder, encode
 from bricksrl.agents.gradient_descent import GradientLearner
 from bricksrl.agents.learner import Learner
 from bricksrl.agents.sac import LEAST_SCALE, SCALE_SHIFT, SACLoss

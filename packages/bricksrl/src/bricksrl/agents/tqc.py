@@ -7,10 +7,10 @@ import torch
 from torchrl.envs import EnvBase
 from torchrl.objectives import SoftUpdate, TQCLoss
 
-from bricksrl.agents.encoder import make_encoder
+from bricksrl.agents.features.encoder import make_encoder
 from bricksrl.agents.networks import action_size, action_spec, gaussian_policy, make_body
 from bricksrl.agents.operators import critic_operator
-from bricksrl.agents.replay.learner import ReplayLearner, off_policy_learner
+from bricksrl.agents.replay.replay_learner import ReplayLearner, off_policy_learner
 from bricksrl.agents.settings import (
     IMAGES_TARGETS,
     PAPER_TARGETS,

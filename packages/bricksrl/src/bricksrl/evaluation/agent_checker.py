@@ -19,7 +19,7 @@ from bricksrl.agents.gradient_descent import GradientLearner
 from bricksrl.agents.learner import Learner
 from bricksrl.agents.offline.imitation import ImitationLearner
 from bricksrl.agents.on_policy import OnPolicyLearner
-from bricksrl.agents.replay.learner import ReplayLearner
+from bricksrl.agents.replay.replay_learner import ReplayLearner
 from bricksrl.envs import make
 from bricksrl.envs.env_checker import Broken, Skip, run_checks
 from bricksrl.errors import BricksError, counted

@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 from tensordict import TensorDict, TensorDictBase
 
 from brickhub.fields import Count, check_value
-from bricksrl.agents.features import ObservationEncoder
+from bricksrl.agents.features.observed import ObservationEncoder
 from bricksrl.envs.env_interface import interface_of
 from bricksrl.envs.make import make
 from bricksrl.envs.options import EnvOptions

@@ -16,7 +16,7 @@ from bricksrl.page.play import Steps, play_endlessly
 from bricksrl.page.server import PageOptions
 from bricksrl.page.visitors import Visitor
 from bricktwin.twin.arena import ArenaWorld
-from bricktwin.view.drawing import View
+from bricktwin.view.drawing_of_body import View
 from bricktwin.view.mirror import Mirror
 
 _FOR_ALL = ("pause", "resume", "step", "reset", "speed")

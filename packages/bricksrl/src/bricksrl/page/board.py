@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bricktwin.view.drawing import Drawing, Floats
+from bricktwin.view.drawing_of_body import Drawing, Floats
 
 MAX_STEPS = 400
 """Maximum number of values of steps that are kept, for browsers that connect later."""

@@ -22,7 +22,7 @@ from bricktwin.plans.part import Part
 from bricktwin.plans.plan import Plan
 from bricktwin.plans.planned_robot import PlannedRobot, planned
 from bricktwin.twin.linkage import Linkage
-from bricktwin.view.drawing import (
+from bricktwin.view.drawing_of_body import (
     HIDDEN,
     Drawing,
     DrawnBody,

@@ -27,7 +27,7 @@ from bricktwin.twin.models.mjcf import overview_of
 from bricktwin.twin.mujoco_body import MujocoBody
 from bricktwin.twin.physics import Physics
 from bricktwin.twin.scene import Goal, Scene
-from bricktwin.view.drawing import Floats, View
+from bricktwin.view.drawing_of_body import Floats, View
 from bricktwin.view.mirror import Mirror
 
 if TYPE_CHECKING:

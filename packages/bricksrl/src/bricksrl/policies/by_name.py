@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from brickhub.tables import read_table
-from bricksrl.agents.feature_formula import scaled_entries, with_circles_and_goals
+from bricksrl.agents.features.formula import scaled_entries, with_circles_and_goals
 from bricksrl.envs.reference_returns import REFERENCES
 from bricksrl.envs.task import Task
 from bricksrl.envs.tasks.scripted import CONTROLLERS, ArrayPolicy
@@ -50,7 +50,7 @@ class ArrayOperations:
 
 @dataclass(frozen=True)
 class PlainPolicy:
-    """A policy as numbers: features by `bricksrl.agents.feature_formula`, then layers with ReLU,
+    """A policy as numbers: features by `bricksrl.agents.features.formula`, then layers with ReLU,
     then tanh.
 
     Attributes:

@@ -22,7 +22,7 @@ from torchrl.envs import EnvBase
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 
 from brickhub.files import check_writable, refuse_existing, write_durably
-from bricksrl.agents.features import SeenInputs
+from bricksrl.agents.features.observed import SeenInputs
 from bricksrl.envs.specs import ObservationLayout
 from bricksrl.envs.transforms import layout_of
 from bricksrl.errors import RunError, message_of

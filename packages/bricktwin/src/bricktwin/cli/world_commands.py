@@ -12,7 +12,7 @@ from brickhub.errors import counted
 from brickhub.files import write_durably
 from brickhub.options import option
 from bricktwin.target import load_scene, picture_and_size
-from bricktwin.twin.picture import faults_of_picture
+from bricktwin.twin.floor_picture import faults_of_picture
 from bricktwin.worlds import WORLDS, summary
 
 _WIDTH_PX = 480

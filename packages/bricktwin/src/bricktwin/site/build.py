@@ -12,13 +12,14 @@ from bricktwin.site.houses import houses
 from bricktwin.site.names import device_table, pybricks_names
 from bricktwin.site.packages import SiteError
 from bricktwin.site.robots import OWN, write_robots
-from bricktwin.site.runtimes import EDITOR, put_runtimes
+from bricktwin.site.runtimes import put_runtimes
 from bricktwin.site.storing import write_json
 from bricktwin.view.script import FOLDER as VIEW
 from bricktwin.worlds import WORLDS
 
 _HERE = Path(__file__).parent
 STATIC = _HERE / "static"
+WORKER = _HERE / "worker"
 PROGRAMS = _HERE / "programs"
 LIST = "files.json"
 """List of all files of a site with their sizes, by which a site is known."""
@@ -26,7 +27,7 @@ _SERVICE_WORKER = "service_worker.js"
 _BUILD_MARK = "BUILD-MARK"
 _FOR_ROBOT = re.compile(r"(?m)^# Robot: ([\w.-]+) ?([\w-]*)$")
 _IMPORTED = re.compile(r'from "\./(\w+\.js)"')
-_NOT_COPIED = (EDITOR.name, _SERVICE_WORKER)
+_NOT_COPIED = (_SERVICE_WORKER,)
 
 
 def build_site(
@@ -76,7 +77,8 @@ def check_folder(out: Path) -> None:
 
 
 def _copy_pages(site: Path) -> None:
-    for path in STATIC.iterdir():
+    # Both lie in one folder of the site: what the worker imports, the page may import too.
+    for path in (*STATIC.iterdir(), *WORKER.iterdir()):
         if path.name not in _NOT_COPIED:
             shutil.copy(path, site / path.name)
     view = site / "view"

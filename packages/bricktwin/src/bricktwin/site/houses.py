@@ -17,6 +17,7 @@ _LEFT_OUT = (
     "bricktwin/plans",
     "bricktwin/site/programs",
     "bricktwin/site/static",
+    "bricktwin/site/worker",
     "bricktwin/twin/render",
     "bricktwin/view",
 )

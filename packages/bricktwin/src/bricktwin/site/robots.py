@@ -15,7 +15,7 @@ from bricktwin.twin.make_body import make_body
 from bricktwin.twin.mujoco_body import MujocoBody
 from bricktwin.twin.scene import OPEN_FLOOR, Scene
 from bricktwin.view.body_drawing import drawing_of
-from bricktwin.view.drawing import poses
+from bricktwin.view.drawing_of_body import poses
 from bricktwin.worlds import WORLDS, world
 
 OWN = (TWO_WHEELER, WALKER, SCOUT, ROBO_ARM)

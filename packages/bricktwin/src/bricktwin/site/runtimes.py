@@ -13,7 +13,7 @@ from brickhub.files import TEMPORARY_PREFIX, user_cache
 from bricktwin.site import bundles, packages
 from bricktwin.site.storing import pack, undated, write_json
 
-EDITOR = Path(__file__).parent / "static" / "editor_entry.js"
+EDITOR = Path(__file__).parent / "editor_entry.js"
 """Our part of the editor, which is bundled with the rest of it."""
 _NEVER_ASKED = (
     "(unittest|xmlrpc|wsgiref|pydoc|pydoc_data|ensurepip|venv|idlelib|tkinter|turtle|sqlite3|dbm|"

@@ -18,14 +18,14 @@ from brickhub.errors import TwinError
 from brickhub.robot import Robot
 from brickhub.virtual.body import Rng
 from bricktwin.twin.body import STEPS_PER_LOAD, NoiseSources, TwinBody
+from bricktwin.twin.engines.mujoco_engine import MujocoEngine
+from bricktwin.twin.engines.rotations import yaw_quaternion
 from bricktwin.twin.model_physics import set_physics
 from bricktwin.twin.models.kept_models import kept_model
 from bricktwin.twin.models.mjcf import LOOKS, add_camera, add_light, new_spec
 from bricktwin.twin.models.scenery import add_geom
 from bricktwin.twin.mujoco_body import MujocoBody
-from bricktwin.twin.mujoco_engine import MujocoEngine
 from bricktwin.twin.physics import Physics
-from bricktwin.twin.rotations import yaw_quaternion
 from bricktwin.twin.scene import OPEN_FLOOR
 from bricktwin.twin.senses import clockwise_deg
 from bricktwin.twin.settling import come_to_rest, halt, settle

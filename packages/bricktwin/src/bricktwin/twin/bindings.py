@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 from brickhub.errors import TwinError
 from brickhub.robot import Robot, Sense, Sensor, SensorKind
-from bricktwin.twin.conventions import (
+from bricktwin.twin.engines.conventions import (
     FOOT,
     OBSTACLE_GROUP,
     SHAPE_GROUP,
@@ -17,9 +17,9 @@ from bricktwin.twin.conventions import (
     object_name,
     site_name,
 )
-from bricktwin.twin.engine import Engine
+from bricktwin.twin.engines.engine import Engine
+from bricktwin.twin.engines.rotations import Vector, rotated, vector
 from bricktwin.twin.models.motors import motor_constants
-from bricktwin.twin.rotations import Vector, rotated, vector
 from bricktwin.twin.scene import Scene
 from bricktwin.twin.senses import WorldSenses
 from bricktwin.twin.stance import Feet

@@ -10,11 +10,11 @@ from typing import NamedTuple
 from brickhub.robot import Robot, Sense, UltrasonicSensor
 from brickhub.virtual.body import Rng
 from brickhub.virtual.stimuli import Sensed
-from bricktwin.twin.conventions import TIMESTEP_S
-from bricktwin.twin.engine import Engine
+from bricktwin.twin.engines.conventions import TIMESTEP_S
+from bricktwin.twin.engines.engine import Engine
+from bricktwin.twin.engines.rotations import Vector, dot, plus
 from bricktwin.twin.model_physics import up
 from bricktwin.twin.physics import Physics, RandomPhysics
-from bricktwin.twin.rotations import Vector, dot, plus
 from bricktwin.twin.scene import Scene
 from bricktwin.twin.senses import INFRARED_MM, Noise, SummedNoise
 from bricktwin.twin.standing import StandingRobot

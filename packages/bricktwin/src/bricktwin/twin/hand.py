@@ -3,7 +3,7 @@ held."""
 
 import math
 
-from bricktwin.twin.engine import Engine
+from bricktwin.twin.engines.engine import Engine
 
 _RATE_S = 15.0
 """Frequency of the spring by which it pulls, 1/s, with critical damping for the mass of what is

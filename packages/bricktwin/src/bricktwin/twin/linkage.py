@@ -12,11 +12,11 @@ import numpy as np
 from bricktwin.plans.drawing.shapes import X_AXIS, Y_AXIS
 from bricktwin.plans.geometry import Floats, triple
 from bricktwin.plans.mechanism.articulation import Articulation
-from bricktwin.twin.conventions import SHAPE_GROUP
+from bricktwin.twin.engines.conventions import SHAPE_GROUP
+from bricktwin.twin.engines.mujoco_engine import MujocoEngine
 from bricktwin.twin.models.mjcf import quaternion
 from bricktwin.twin.models.turning import add_coupling, add_loop, add_rod, add_spinner
 from bricktwin.twin.mujoco_body import MujocoBody
-from bricktwin.twin.mujoco_engine import MujocoEngine
 from bricktwin.twin.scene import Goal
 from bricktwin.twin.standing import Pose
 from bricktwin.twin.turning_parts import TurningParts

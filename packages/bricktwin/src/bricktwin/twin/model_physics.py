@@ -8,11 +8,9 @@ from typing import Protocol
 from brickhub.errors import TwinError
 from brickhub.robot import Robot
 from bricktwin.twin.bindings import Motors
-from bricktwin.twin.conventions import BACKLASH
-from bricktwin.twin.engine import Engine
-from bricktwin.twin.models.motors import motor_constants
-from bricktwin.twin.physics import Physics
-from bricktwin.twin.rotations import (
+from bricktwin.twin.engines.conventions import BACKLASH
+from bricktwin.twin.engines.engine import Engine
+from bricktwin.twin.engines.rotations import (
     Matrix,
     Vector,
     dot,
@@ -22,6 +20,8 @@ from bricktwin.twin.rotations import (
     times,
     vector,
 )
+from bricktwin.twin.models.motors import motor_constants
+from bricktwin.twin.physics import Physics
 
 SIDE_LOAD_OFFSET_M = (0.0, 0.048, 0.0)
 """Position of the side load relative to the chassis' centre of mass: 6 modules of LEGO to the left,

@@ -9,8 +9,8 @@ import numpy as np
 from brickhub.robot import Robot
 from bricktwin.plans import ldraw_library
 from bricktwin.twin.body import NoiseSources, TwinBody
+from bricktwin.twin.engines.mujoco_engine import MujocoEngine
 from bricktwin.twin.models.kept_models import robot_model
-from bricktwin.twin.mujoco_engine import MujocoEngine
 from bricktwin.twin.physics import Physics, RandomPhysics
 from bricktwin.twin.scene import Scene
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from brickhub.errors import TwinError, counted
-from bricktwin.twin.picture import Picture, read_picture
+from bricktwin.twin.floor_picture import Picture, read_picture
 
 __all__ = [
     "COLORS",

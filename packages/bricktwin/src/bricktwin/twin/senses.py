@@ -13,10 +13,9 @@ from collections.abc import Sequence
 from typing import Protocol
 
 from brickhub.robot import SensorKind
-from bricktwin.twin.conventions import OBSTACLE_GROUP, object_name
-from bricktwin.twin.engine import Engine
-from bricktwin.twin.objects import COLORS, Field, Lamp, Line, Mark, Picture, Point
-from bricktwin.twin.rotations import (
+from bricktwin.twin.engines.conventions import OBSTACLE_GROUP, object_name
+from bricktwin.twin.engines.engine import Engine
+from bricktwin.twin.engines.rotations import (
     Quaternion,
     Vector,
     cross,
@@ -30,6 +29,7 @@ from bricktwin.twin.rotations import (
     turn_between,
     vector,
 )
+from bricktwin.twin.objects import COLORS, Field, Lamp, Line, Mark, Picture, Point
 from bricktwin.twin.scene import FLOOR, Scene
 
 INFRARED_MM = {SensorKind.COLOR_DISTANCE: 100.0, SensorKind.INFRARED: 150.0}

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import Protocol
 
-from bricktwin.twin.engine import Engine
+from bricktwin.twin.engines.engine import Engine
 from bricktwin.twin.model_physics import Placed
 from bricktwin.twin.scene import Scene
 from bricktwin.twin.stance import refuse_overlap

@@ -6,9 +6,18 @@ import math
 from collections.abc import Sequence
 
 from brickhub.errors import TwinError
-from bricktwin.twin.conventions import FLOOR_GROUP, OBSTACLE_GROUP
-from bricktwin.twin.engine import Engine
-from bricktwin.twin.rotations import Quaternion, Vector, cross, dot, minus, plus, times, vector
+from bricktwin.twin.engines.conventions import FLOOR_GROUP, OBSTACLE_GROUP
+from bricktwin.twin.engines.engine import Engine
+from bricktwin.twin.engines.rotations import (
+    Quaternion,
+    Vector,
+    cross,
+    dot,
+    minus,
+    plus,
+    times,
+    vector,
+)
 from bricktwin.twin.scene import Scene
 
 _SPHERE = 2

@@ -9,11 +9,9 @@ from collections.abc import Callable, Sequence
 from brickhub.robot import Robot
 from brickhub.virtual.body import Rng
 from bricktwin.twin.bindings import bind_motors, bind_root, bind_sensors
-from bricktwin.twin.conventions import object_name
-from bricktwin.twin.engine import Engine
-from bricktwin.twin.model_physics import backlash_joints, set_physics
-from bricktwin.twin.physics import Physics, RandomPhysics
-from bricktwin.twin.rotations import (
+from bricktwin.twin.engines.conventions import object_name
+from bricktwin.twin.engines.engine import Engine
+from bricktwin.twin.engines.rotations import (
     Quaternion,
     minus,
     product,
@@ -21,6 +19,8 @@ from bricktwin.twin.rotations import (
     vector,
     yaw_quaternion,
 )
+from bricktwin.twin.model_physics import backlash_joints, set_physics
+from bricktwin.twin.physics import Physics, RandomPhysics
 from bricktwin.twin.scene import Scene
 from bricktwin.twin.senses import FixedBase, FloatingBase, Turns
 from bricktwin.twin.settling import come_to_rest, halt, settle

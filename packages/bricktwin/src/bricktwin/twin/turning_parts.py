@@ -3,9 +3,16 @@ without them; they are turned before a robot is drawn."""
 
 from typing import NamedTuple
 
-from bricktwin.twin.conventions import ROD, SPINNER, SPINNER_USER, motor_name
-from bricktwin.twin.engine import Engine
-from bricktwin.twin.rotations import Vector, about, from_vertical, minus, rotated_back, vector
+from bricktwin.twin.engines.conventions import ROD, SPINNER, SPINNER_USER, motor_name
+from bricktwin.twin.engines.engine import Engine
+from bricktwin.twin.engines.rotations import (
+    Vector,
+    about,
+    from_vertical,
+    minus,
+    rotated_back,
+    vector,
+)
 
 
 class TurningShaft(NamedTuple):

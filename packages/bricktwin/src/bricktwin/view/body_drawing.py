@@ -8,10 +8,10 @@ import numpy as np
 from PIL import Image
 
 from bricktwin.plans.drawing import shapes
-from bricktwin.twin.conventions import SHAPE_GROUP
+from bricktwin.twin.engines.conventions import SHAPE_GROUP
 from bricktwin.twin.mujoco_body import MujocoBody
 from bricktwin.twin.turning_parts import TurningParts
-from bricktwin.view.drawing import (
+from bricktwin.view.drawing_of_body import (
     Drawing,
     DrawnBody,
     Mesh,

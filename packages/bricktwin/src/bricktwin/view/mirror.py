@@ -10,7 +10,7 @@ from bricktwin.twin.mujoco_body import MujocoBody
 from bricktwin.twin.physics import Physics
 from bricktwin.twin.scene import Goal
 from bricktwin.view.body_drawing import drawing_of
-from bricktwin.view.drawing import HIDDEN, DrawnBody, Floats, View, poses
+from bricktwin.view.drawing_of_body import HIDDEN, DrawnBody, Floats, View, poses
 
 _GHOST = (0.10, 0.62, 0.25, 0.45)
 

@@ -161,8 +161,8 @@ def test_kept_model_equals_built_one(robot: Robot, scene: Scene, cache: Cache) -
     built, loaded = cache.body(robot, scene), cache.body(robot, scene)
     assert cache.built == [robot.name] and len(cache.files) == 1
     assert_equal(built.engine._nominal, loaded.engine._nominal)
-    assert built._turning._spinners == loaded._turning._spinners
-    assert built._turning._rods == loaded._turning._rods
+    assert built._turning.spinners == loaded._turning.spinners
+    assert built._turning.rods == loaded._turning.rods
     assert backlash_joints(built.engine) == backlash_joints(loaded.engine)
     assert built.motors.terminals == loaded.motors.terminals
     assert built.motors.shafts == loaded.motors.shafts
@@ -179,7 +179,7 @@ def test_kept_arena_equals_built_one(cache: Cache) -> None:
     built, loaded = world(0.5), world(0.5)
     assert cache.built == ["walker", "two-wheeler"]
     assert_equal(built.engine._nominal, loaded.engine._nominal)
-    assert len(loaded.bodies[0]._turning._rods) == len(built.bodies[0]._turning._rods) == 4
+    assert len(loaded.bodies[0]._turning.rods) == len(built.bodies[0]._turning.rods) == 4
     world(0.6)
     assert len(cache.built) == 4
 
@@ -361,7 +361,7 @@ def test_kept_facts_complete_as_the_plan_does(
     assert robot_of_plan(PLAN, "mine", drive_base=base, needs_imu=True) == first
     assert_equal(cache.body(first).engine._nominal, body.engine._nominal)
     assert cache.built == ["mine"]
-    with pytest.raises(DescriptionError, match="line 19: port A has .* 'right', but .* 'left'"):
+    with pytest.raises(DescriptionError, match="port A has .* 'right' in the plan, but .* 'left'"):
         robot_of_plan(PLAN, "mine", motors=(Motor("left", "A"),))
 
 

@@ -13,7 +13,7 @@ from brickhub.errors import RenderingUnavailableError
 from brickhub.robot import Robot
 from bricktwin.plans import ldraw_library
 from bricktwin.robots import ROBO_ARM, TWO_WHEELER, WALKER
-from bricktwin.twin.conventions import LOOKS_GROUP
+from bricktwin.twin.engines.conventions import LOOKS_GROUP
 from bricktwin.twin.mujoco_body import MujocoBody
 from bricktwin.twin.physics import Physics
 from bricktwin.twin.render.opengl import Image, Renderer

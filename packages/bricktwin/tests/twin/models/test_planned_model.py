@@ -19,9 +19,9 @@ from brickhub.virtual import VirtualHub
 from brickhub.virtual.stimuli import Sense
 from bricktwin.robots import ROBO_ARM, TWO_WHEELER, WALKER, plans
 from bricktwin.robots.planned import robot_of_plan
+from bricktwin.twin.engines.mujoco_engine import MujocoEngine
 from bricktwin.twin.make_body import make_body
 from bricktwin.twin.mujoco_body import MujocoBody
-from bricktwin.twin.mujoco_engine import MujocoEngine
 from bricktwin.twin.objects import Block, Field, Ramp
 from bricktwin.twin.physics import Physics
 from bricktwin.twin.scene import OPEN_FLOOR, Scene

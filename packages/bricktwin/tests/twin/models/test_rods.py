@@ -4,8 +4,8 @@ import mujoco
 import numpy as np
 import pytest
 
+from bricktwin.twin.engines.mujoco_engine import MujocoEngine
 from bricktwin.twin.models.turning import add_rod
-from bricktwin.twin.mujoco_engine import MujocoEngine
 from bricktwin.twin.turning_parts import TurningParts
 
 

@@ -10,7 +10,7 @@ import pytest
 from brickhub.errors import DescriptionError
 from brickhub.robot import BENCH, DriveBase
 from bricktwin.robots import TWO_WHEELER
-from bricktwin.twin.conventions import LOOKS_GROUP
+from bricktwin.twin.engines.conventions import LOOKS_GROUP
 from bricktwin.twin.models.load import load_model
 from bricktwin.twin.scene import OPEN_FLOOR, Scene
 
@@ -91,5 +91,5 @@ def test_wall_only_in_scene_with_wall() -> None:
 
 
 def test_other_robot_raises() -> None:
-    with pytest.raises(DescriptionError, match="for the robot bench"):
+    with pytest.raises(DescriptionError, match="but the robot bench calls it"):
         load_model(dataclasses.replace(BENCH, model=TWO_WHEELER.model), OPEN_FLOOR)

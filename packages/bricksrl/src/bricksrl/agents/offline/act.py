@@ -14,7 +14,7 @@ from torchrl.envs import EnvBase
 from torchrl.modules.models import ACTModel
 from torchrl.objectives import ACTLoss, LossModule
 
-from bricksrl.agents.encoder import encode, encoder_keys, make_encoder
+from bricksrl.agents.features.encoder import encode, encoder_keys, make_encoder
 from bricksrl.agents.gradient_descent import GradientDescent, adam
 from bricksrl.agents.networks import action_size
 from bricksrl.agents.offline.imitation import ImitationLearner

@@ -8,7 +8,7 @@ from tensordict import TensorDictParams
 from torchrl.envs import EnvBase
 from torchrl.objectives import BCLoss
 
-from bricksrl.agents.encoder import make_encoder
+from bricksrl.agents.features.encoder import make_encoder
 from bricksrl.agents.gradient_descent import GradientDescent, adam
 from bricksrl.agents.networks import action_size, action_spec, deterministic_policy, make_body
 from bricksrl.agents.offline.imitation import ImitationLearner

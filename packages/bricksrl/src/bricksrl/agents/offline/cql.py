@@ -23,7 +23,7 @@ from torchrl.envs import EnvBase
 from bricksrl.agents import sac
 from bricksrl.agents.actor_critic import Batch, Critics
 from bricksrl.agents.anchor import CountedUpdates
-from bricksrl.agents.replay.learner import ReplayLearner
+from bricksrl.agents.replay.replay_learner import ReplayLearner
 from bricksrl.agents.sac import SACLoss, SACSettings, location_and_scale
 from bricksrl.agents.settings import (
     IMAGES_TARGETS,

@@ -12,7 +12,7 @@ from torchrl.envs import EnvBase
 from torchrl.modules import DiffusionActor
 from torchrl.objectives import DiffusionBCLoss
 
-from bricksrl.agents.encoder import encode, make_encoder
+from bricksrl.agents.features.encoder import encode, make_encoder
 from bricksrl.agents.networks import action_size, make_body
 from bricksrl.agents.offline.act import ChunkPolicy, ChunkSettings, chunk_learner
 from bricksrl.agents.offline.imitation import ImitationLearner

@@ -12,10 +12,10 @@ from torchrl.envs import EnvBase
 from torchrl.modules import IndependentNormal, ProbabilisticActor
 from torchrl.objectives import IQLLoss, SoftUpdate
 
-from bricksrl.agents.encoder import encoder_keys, make_encoder
+from bricksrl.agents.features.encoder import encoder_keys, make_encoder
 from bricksrl.agents.networks import Actor, action_size, action_spec, make_body
 from bricksrl.agents.operators import critic_operator, value_operator
-from bricksrl.agents.replay.learner import ReplayLearner, off_policy_learner
+from bricksrl.agents.replay.replay_learner import ReplayLearner, off_policy_learner
 from bricksrl.agents.settings import (
     IMAGES_TARGETS,
     PAPER_TARGETS,

@@ -18,7 +18,7 @@ from brickhub.entry import Entry
 from brickhub.search import oscillators
 from brickhub.search.oscillators import TURN_DEG
 from brickhub.user_files import is_reference, load_object
-from bricksrl.agents.encoder import encoder_keys, make_encoder
+from bricksrl.agents.features.encoder import encoder_keys, make_encoder
 from bricksrl.agents.networks import action_size
 from bricksrl.agents.settings import Settings
 from bricksrl.envs.env_interface import interface_of

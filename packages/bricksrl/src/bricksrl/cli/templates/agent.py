@@ -13,8 +13,9 @@ from dataclasses import dataclass
 from torchrl.envs import EnvBase
 from torchrl.objectives import DDPGLoss, SoftUpdate
 
-from bricksrl.agents import encoder, networks, operators, settings
-from bricksrl.agents.replay.learner import ReplayLearner, off_policy_learner
+from bricksrl.agents import networks, operators, settings
+from bricksrl.agents.features import encoder
+from bricksrl.agents.replay.replay_learner import ReplayLearner, off_policy_learner
 
 
 # What can be set: `bricksrl settings my_file.py` shows it. Learning rate, layers, batch size and so

@@ -1,1 +1,1 @@
-"""What runs in a tab's worker, under Pyodide: imports nothing that is not in the site."""
+"""Python of a tab's worker, under Pyodide; it imports nothing that is not in the site."""

@@ -9,12 +9,12 @@ from array import array
 from collections.abc import Sequence
 from typing import Any
 
-from bricktwin.twin.engine import Hit, Kind, Touch, Values
-from bricktwin.twin.rotations import Vector, vector
+from bricktwin.twin.engines.engine import Hit, Kind, Touch, Values
+from bricktwin.twin.engines.rotations import Vector, vector
 
 
 class JsEngine:
-    """Engine in JavaScript; implements :class:`bricktwin.twin.engine.Engine`.
+    """Engine in JavaScript; implements :class:`bricktwin.twin.engines.engine.Engine`.
 
     Args:
         handle: its other half, an ``Engine`` of ``engine.js``.

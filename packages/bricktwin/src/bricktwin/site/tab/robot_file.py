@@ -8,7 +8,7 @@ from brickhub.seed import derive_seed
 from bricktwin.site.tab.js_engine import JsEngine
 from bricktwin.site.tab.plain_values import read_plain
 from bricktwin.twin.body import NoiseSources, TwinBody
-from bricktwin.twin.engine import Engine
+from bricktwin.twin.engines.engine import Engine
 from bricktwin.twin.physics import Physics, RandomPhysics
 from bricktwin.twin.scene import Scene
 

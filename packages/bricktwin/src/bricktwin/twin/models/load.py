@@ -23,7 +23,7 @@ import mujoco
 from brickhub.errors import TwinError, message_of
 from brickhub.robot import Motor, Robot, Sense
 from bricktwin.robots.planned import plan_file
-from bricktwin.twin.conventions import LOOKS_GROUP, OBSTACLE_GROUP, motor_name, site_name
+from bricktwin.twin.engines.conventions import LOOKS_GROUP, OBSTACLE_GROUP, motor_name, site_name
 from bricktwin.twin.models import mjcf
 from bricktwin.twin.models.driving_robot import driving_robot
 from bricktwin.twin.models.mounts import add_hub_site, add_touch, hub_axes

@@ -1,5 +1,5 @@
 """MJCF elements shared by the models: physics options, LEGO's motors as actuators, floor and wall,
-cameras. Their names and groups: ``bricktwin.twin.conventions``."""
+cameras. Their names and groups: ``bricktwin.twin.engines.conventions``."""
 
 import math
 from collections.abc import Sequence
@@ -13,7 +13,7 @@ from brickhub.robot import Motor, MotorKind
 from bricktwin.plans.drawing.pieces import COLOURS, GLOWING, Piece
 from bricktwin.plans.drawing.shapes import Shape, merge
 from bricktwin.plans.geometry import Floats, Triple
-from bricktwin.twin.conventions import (
+from bricktwin.twin.engines.conventions import (
     BACKLASH,
     FLOOR_GROUP,
     LOOKS_GROUP,

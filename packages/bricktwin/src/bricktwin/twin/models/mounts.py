@@ -15,7 +15,7 @@ from bricktwin.plans.drawing.pieces import Piece, piece
 from bricktwin.plans.drawing.shapes import X_AXIS, Z_AXIS, box, cylinder, ring
 from bricktwin.plans.geometry import MM_PER_LDU, Floats, Triple, triple
 from bricktwin.plans.part import DeviceKind
-from bricktwin.twin.conventions import SHAPE_GROUP, site_name
+from bricktwin.twin.engines.conventions import SHAPE_GROUP, site_name
 from bricktwin.twin.models.mjcf import add_box, quaternion
 
 _BUTTON_MM = 8.0

@@ -11,7 +11,8 @@ import numpy as np
 from bricktwin.plans.drawing.pieces import Piece, colour_name
 from bricktwin.plans.drawing.shapes import Shape, discs, merge
 from bricktwin.plans.geometry import Floats, Triple
-from bricktwin.twin.conventions import OBSTACLE_GROUP, object_name
+from bricktwin.twin.engines.conventions import OBSTACLE_GROUP, object_name
+from bricktwin.twin.engines.rotations import about, product, yaw_quaternion
 from bricktwin.twin.models.mjcf import LOOKS, draw
 from bricktwin.twin.objects import (
     COLORS,
@@ -25,7 +26,6 @@ from bricktwin.twin.objects import (
     Ramp,
     Wall,
 )
-from bricktwin.twin.rotations import about, product, yaw_quaternion
 from bricktwin.twin.scene import Scene
 
 LOWEST_MM = 0.6

@@ -10,7 +10,7 @@ import mujoco
 
 from bricktwin.plans.geometry import Triple
 from bricktwin.plans.mechanism.articulation import Follower, Geared
-from bricktwin.twin.conventions import ROD, SHAPE_GROUP, SPINNER, motor_name
+from bricktwin.twin.engines.conventions import ROD, SHAPE_GROUP, SPINNER, motor_name
 
 
 def add_rod(

@@ -1,7 +1,7 @@
 // Frames of a drawing from what MuJoCo's JavaScript build computes: needs no page, so a worker may use it.
 
 export class Frames {
-  // `drawing`: as bricktwin.view.drawing describes it.
+  // `drawing`: as bricktwin.view.drawing_of_body describes it.
   constructor(drawing) {
     this.numbers = drawing.bodies.map((body) => body.model_body);
     this.places = new Map(this.numbers.map((number, place) => [number, place]));

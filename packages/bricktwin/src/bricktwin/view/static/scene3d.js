@@ -58,7 +58,7 @@ export class Scene3D {
       new Uint32Array([0, 1, 2, 0, 2, 3]));
   }
 
-  // A drawing, as bricktwin.view.drawing describes it.
+  // A drawing, as bricktwin.view.drawing_of_body describes it.
   load(drawing) {
     const gl = this.gl;
     for (const old of [...this.meshes, ...this.textures]) old.free();

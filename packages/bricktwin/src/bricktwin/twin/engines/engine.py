@@ -8,7 +8,7 @@ Fields have MuJoCo's own names (its API reference explains them), and are flat: 
 from collections.abc import Sequence
 from typing import Literal, NamedTuple, Protocol, TypeAlias
 
-from bricktwin.twin.rotations import Vector
+from bricktwin.twin.engines.rotations import Vector
 
 Values: TypeAlias = "memoryview[float]"
 Kind = Literal["body", "joint", "geom", "site", "actuator", "sensor"]

@@ -7,7 +7,7 @@ import torch
 from torch import Tensor, nn
 from torchrl.envs import EnvBase
 
-from bricksrl.agents.features import ObservationEncoder
+from bricksrl.agents.features.observed import ObservationEncoder
 from bricksrl.agents.image_networks import Convolutions, Keypoints, pixels
 from bricksrl.agents.settings import Settings
 from bricksrl.envs.specs import ObservationLayout

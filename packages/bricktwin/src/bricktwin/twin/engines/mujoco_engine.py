@@ -9,8 +9,8 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from bricktwin.twin.engine import Hit, Kind, Touch, Values
-from bricktwin.twin.rotations import Vector
+from bricktwin.twin.engines.engine import Hit, Kind, Touch, Values
+from bricktwin.twin.engines.rotations import Vector
 
 _OBJECTS = {
     "body": (mujoco.mjtObj.mjOBJ_BODY, "nbody"),
@@ -27,7 +27,7 @@ _IN_OWN_AXES = 1
 
 
 class MujocoEngine:
-    """Engine of a compiled model; implements :class:`bricktwin.twin.engine.Engine`.
+    """Engine of a compiled model; implements :class:`bricktwin.twin.engines.engine.Engine`.
 
     Args:
         nominal: model as compiled, which is not changed.

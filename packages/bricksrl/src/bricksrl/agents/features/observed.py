@@ -14,7 +14,7 @@ import torch
 from torch import Tensor, nn
 from torchrl.envs.utils import ExplorationType, exploration_type
 
-from bricksrl.agents.feature_formula import (
+from bricksrl.agents.features.formula import (
     FULL_TURN_DEG,
     scaled_entries,
     with_circles_and_goals,

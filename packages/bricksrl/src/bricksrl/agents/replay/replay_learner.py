@@ -12,7 +12,7 @@ from torchrl.data import ReplayBuffer
 from torchrl.envs import EnvBase
 from torchrl.objectives import LossModule
 
-from bricksrl.agents.features import reward_unit
+from bricksrl.agents.features.observed import reward_unit
 from bricksrl.agents.gradient_descent import GradientDescent, GradientLearner, adam
 from bricksrl.agents.replay.batches import batches_of
 from bricksrl.agents.replay.buffer import TransitionReplayBuffer, make_replay_buffer

@@ -1,0 +1,1 @@
+"""Features of observations that networks read, and the encoder that computes them."""

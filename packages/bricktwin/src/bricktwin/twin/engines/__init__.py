@@ -1,0 +1,1 @@
+"""Engine under a body: its interface, its implementation by MuJoCo, and what both share."""
