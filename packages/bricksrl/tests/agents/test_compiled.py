@@ -62,7 +62,7 @@ def test_updates_use_compiled_gradients() -> None:
         torch.manual_seed(3)
         told = learner.make_updates(4)
         assert "loss_qvalue" in told
-    for mine, theirs in zip(one.parameters(), other.parameters(), strict=True):
+    for mine, theirs in zip(one.loss.parameters(), other.loss.parameters(), strict=True):
         torch.testing.assert_close(mine, theirs, rtol=1e-3, atol=1e-4)
 
 

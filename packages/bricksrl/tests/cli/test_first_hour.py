@@ -356,7 +356,7 @@ def test_incomplete_video_keeps_temporary_name(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        (["train", "RunAway-v0", "--agent", ""], "no agent ''"),
+        (["train", "RunAway-v0", "--agent", ""], "the name '' is empty"),
         (["train", "RunAway-v0", "--preset", ""], "no preset ''"),
         (["train", "RunAway-v0", "--episodes", "9" * 30], "give 1 or more, and up to 16,777,216"),
         (

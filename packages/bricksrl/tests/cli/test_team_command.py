@@ -139,7 +139,7 @@ def test_invalid_teams_are_one_line(tmp_path: Path, capsys: pytest.CaptureFixtur
         assert capsys.readouterr().err == f"error: {option[0]} has no effect with --play; omit it\n"
     assert (
         run(["team", "Tag-v0", "--frames", "0"]) == 2
-        and "1 frame or more" in capsys.readouterr().err
+        and "frames is 0; give a whole number from 1" in capsys.readouterr().err
     )
     for copies in ("-1", "1000000000"):
         assert (

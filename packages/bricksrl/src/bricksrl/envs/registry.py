@@ -244,7 +244,12 @@ def _unknown_option(
         of_all = [*ARGUMENTS["simulation"], *TRANSFORMS]
     own = f"its task has {', '.join(of_task) or 'none'}"
     all_have = f"all environments like it have {', '.join(of_all)}"
-    return f"{env_id} has no option {option}{hint(option, [*of_task, *of_all])}; {own}, {all_have}"
+    # TorchRL asks for options that some environments lack, and reads Python's words in the answer.
+    python_words = f"unexpected keyword argument '{option}'"
+    return (
+        f"{env_id} has no option {option}{hint(option, [*of_task, *of_all])}; {own}, "
+        f"{all_have} ({python_words})"
+    )
 
 
 def registration(env_id: str) -> Registration:

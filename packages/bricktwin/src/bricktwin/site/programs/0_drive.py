@@ -21,12 +21,14 @@ robot.stop()
 
 print("The wall is", eyes.distance(), "mm away. I drive around it.")
 hub.light.on(Color.ORANGE)
+# The wall is three metres wide: half of it, and the robot's own width.
+robot.settings(straight_speed=400)
 robot.turn(-90)
-robot.straight(700)
+robot.straight(1700)
 robot.turn(90)
-robot.straight(700)
+robot.straight(600)
 robot.turn(90)
-robot.straight(700)
+robot.straight(1700)
 
 print("Here I am.")
 hub.light.on(Color.BLUE)
