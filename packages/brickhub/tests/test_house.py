@@ -8,6 +8,7 @@ import re
 import subprocess
 import sys
 from importlib import metadata
+from pathlib import Path
 
 import brickhub
 from brickhub.errors import counted
@@ -77,3 +78,11 @@ def test_declared_requirements_are_light() -> None:
 
 def test_numbers_agree_with_their_noun() -> None:
     assert (counted(1, "episode"), counted(2, "episode")) == ("1 episode", "2 episodes")
+
+
+def test_virtual_hub_has_error_numbers_of_its_own() -> None:
+    """Those of Python are the computer's: EBUSY is 16 on a hub, and 10 in a browser's tab."""
+    sources = list((Path(brickhub.__file__).parent / "virtual").rglob("*.py"))
+    assert len(sources) > 40
+    for path in sources:
+        assert "import errno" not in path.read_text(encoding="utf-8").splitlines(), path

@@ -1,7 +1,6 @@
 """Running program files on a virtual hub."""
 
 import ast
-import errno
 import functools
 import re
 import signal
@@ -26,6 +25,7 @@ from brickhub.hub.program.run_program import (
 from brickhub.hub.program.syntax import parse
 from brickhub.hub.transport import HubProgram, as_typed
 from brickhub.robot import HubKind, MotorKind, SensorKind
+from brickhub.virtual import error_numbers
 from brickhub.virtual.bench_body import FittedBench
 from brickhub.virtual.body import Body
 from brickhub.virtual.given_readings import GivenReading
@@ -331,7 +331,7 @@ def _module_hint(error: BaseException, path: Path) -> str:
 def _ports_hint(error: BaseException, machine: Machine) -> str:
     """A line that says what is on the ports of a robot, for a program that misses a device."""
     # What the firmware raises where a port has no device, or another one. A bench has them all.
-    is_missing = isinstance(error, OSError) and error.args[:1] == (errno.ENODEV,)
+    is_missing = isinstance(error, OSError) and error.args[:1] == (error_numbers.ENODEV,)
     if not is_missing or isinstance(machine.body, FittedBench):
         return ""
     robot = machine.robot

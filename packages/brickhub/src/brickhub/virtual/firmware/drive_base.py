@@ -3,11 +3,11 @@
 The gyroscope's heading is that of ``pbio/imu.c``, v4, shared by ``hub.imu`` and all drive bases.
 """
 
-import errno
 from collections.abc import Callable
 from math import trunc
 from operator import add, sub
 
+from brickhub.virtual import error_numbers
 from brickhub.virtual.body import Body
 from brickhub.virtual.firmware import RefusedError, UnavailableError
 from brickhub.virtual.firmware.angle import (
@@ -161,7 +161,7 @@ class DriveBaseControl:
         if left is right or steps != right.settings.steps_per_unit:
             raise RefusedError("a drive base needs two motors with the same gears")
         if left.parent is not None or right.parent is not None:
-            raise UnavailableError(errno.EBUSY, "a motor belongs to another drive base")
+            raise UnavailableError(error_numbers.EBUSY, "a motor belongs to another drive base")
         self.left = left
         self.right = right
         self._clock = left.clock
@@ -541,7 +541,7 @@ class DriveBaseControl:
 
     def _check_open(self) -> None:
         if not self.is_open:
-            raise UnavailableError(errno.ENODEV, "a motor of the drive base is closed")
+            raise UnavailableError(error_numbers.ENODEV, "a motor of the drive base is closed")
 
     def _begin(self) -> tuple[State, State]:
         """Take over both motors and return their state. Raises OSError (ENODEV) if one is

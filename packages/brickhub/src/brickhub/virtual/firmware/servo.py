@@ -1,10 +1,10 @@
 """Servo: a motor with encoder, observer, controller and voltage."""
 
-import errno
 from math import trunc
 from typing import Protocol
 
 from brickhub.robot import Direction, MotorKind
+from brickhub.virtual import error_numbers
 from brickhub.virtual.bench_body import FittedBench
 from brickhub.virtual.body import Body
 from brickhub.virtual.firmware import RefusedError, UnavailableError
@@ -107,7 +107,7 @@ class Servo:
             measured = split(self.body.angle_mdeg(self.port))
             self._set_zero(difference(measured, (0, self._absolute_mdeg())))
         if self.is_taken:
-            raise UnavailableError(errno.EBUSY, "the motor is in use already")
+            raise UnavailableError(error_numbers.EBUSY, "the motor is in use already")
         self.set_voltage(None)
         self.direction = direction.value
         self.is_taken = True
@@ -138,7 +138,7 @@ class Servo:
     def check_open(self) -> None:
         """Raise OSError (ENODEV) unless its control loop runs."""
         if not self.is_open:
-            raise UnavailableError(errno.ENODEV, "the motor is not in use")
+            raise UnavailableError(error_numbers.ENODEV, "the motor is not in use")
 
     def position(self) -> int:
         """Angle of the motor's shaft in mdeg, in the program's direction and from its zero."""

@@ -2,7 +2,6 @@
 
 import builtins
 import dis
-import errno
 import inspect
 import re
 from collections.abc import Callable, Mapping, Sequence
@@ -17,6 +16,7 @@ from types import (
 from typing import Any, TypeGuard
 
 from brickhub.errors import SceneError, WriteError
+from brickhub.virtual import error_numbers
 
 FIRMWARE = __name__.partition(".")[0] + "."
 """Beginning of the names of modules with native classes."""
@@ -30,15 +30,15 @@ EXCEPTIONS = """
 """Exceptions common to hub and CPython; ``OSError`` is replaced."""
 # The firmware raises only these few.
 ERROR_NAMES = {
-    errno.EPERM: "EPERM",
-    errno.EIO: "EIO",
-    errno.EBUSY: "EBUSY",
-    errno.ENODEV: "ENODEV",
-    errno.EINVAL: "EINVAL",
-    errno.EOPNOTSUPP: "EOPNOTSUPP",
-    errno.EAGAIN: "EAGAIN",
-    errno.ETIMEDOUT: "ETIMEDOUT",
-    errno.ECANCELED: "ECANCELED",
+    error_numbers.EPERM: "EPERM",
+    error_numbers.EIO: "EIO",
+    error_numbers.EBUSY: "EBUSY",
+    error_numbers.ENODEV: "ENODEV",
+    error_numbers.EINVAL: "EINVAL",
+    error_numbers.EOPNOTSUPP: "EOPNOTSUPP",
+    error_numbers.EAGAIN: "EAGAIN",
+    error_numbers.ETIMEDOUT: "ETIMEDOUT",
+    error_numbers.ECANCELED: "ECANCELED",
 }
 CATCHABLE = (Exception, SystemExit, KeyboardInterrupt, GeneratorExit)
 """Errors that a program can catch, which do not include what stops it from outside."""

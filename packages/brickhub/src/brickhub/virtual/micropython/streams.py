@@ -5,11 +5,11 @@ Both hold bytes, and accept text and bytes. Source: ``py/objarray.c`` and ``py/b
 MicroPython 1.26.
 """
 
-import errno
 import io
 import operator
 from typing import Any, Protocol
 
+from brickhub.virtual import error_numbers
 from brickhub.virtual.micropython.exceptions import HubOSError
 from brickhub.virtual.micropython.memory import check_allocation, items_of
 
@@ -184,7 +184,7 @@ class BytesIO(Stream, io.BytesIO):
         try:
             return super().seek(offset, whence)
         except ValueError:
-            raise HubOSError(errno.EINVAL) from None
+            raise HubOSError(error_numbers.EINVAL) from None
 
 
 class StringIO(BytesIO):

@@ -4,13 +4,13 @@ JSON is read as in ``extmod/modjson.c`` of MicroPython 1.26: commas and colons a
 bracket closes.
 """
 
-import errno
 import json
 import re
 from collections.abc import Callable, Iterator
 from types import ModuleType
 from typing import Any
 
+from brickhub.virtual import error_numbers
 from brickhub.virtual.micropython.builtins import cooked
 from brickhub.virtual.micropython.containers import HubDict
 from brickhub.virtual.micropython.exceptions import ERROR_NAMES, HubOSError, ProgramInterrupt
@@ -230,7 +230,7 @@ class TextIOWrapper(FileIO):
 
     def _take(self, count: int) -> bytes:
         if self._number != _STDIN:
-            raise HubOSError(errno.EPERM)
+            raise HubOSError(error_numbers.EPERM)
         return super()._take(count).replace(b"\r", b"\n")
 
     def read(self, size: int = -1) -> str:
@@ -252,7 +252,7 @@ class TextIOWrapper(FileIO):
 
     def _cooked(self, data: bytes) -> bytes:
         if self._number == _STDIN:
-            raise HubOSError(errno.EPERM)
+            raise HubOSError(error_numbers.EPERM)
         return cooked(data)
 
 
@@ -285,7 +285,7 @@ class Poll:
         eventmask: int,
     ) -> None:
         if id(stream) not in self._streams:
-            raise HubOSError(errno.ENOENT)
+            raise HubOSError(error_numbers.ENOENT)
         self._streams[id(stream)] = (stream, eventmask)
 
     def poll(

@@ -1,9 +1,9 @@
 """Arguments of a program's calls, checked and converted as by the firmware, and its errors."""
 
-import errno
 from collections.abc import Sequence
 from typing import Any
 
+from brickhub.virtual import error_numbers
 from brickhub.virtual.micropython.exceptions import HubOSError
 
 _INT_MIN = -(2**31)
@@ -21,20 +21,20 @@ def _explained(problem: str, *checks: str) -> str:
 
 
 _MESSAGES = {
-    errno.ENODEV: _explained(
+    error_numbers.ENODEV: _explained(
         _NOT_CONNECTED, "the cables to each motor and sensor", "the port settings in your script"
     ),
-    errno.EOPNOTSUPP: _explained(
+    error_numbers.EOPNOTSUPP: _explained(
         "The requested operation is not supported on this device",
         "the documentation for device compatibility",
     ),
-    errno.EPERM: _explained(
+    error_numbers.EPERM: _explained(
         "The requested operation is not valid in the current state",
         "the documentation for required conditions",
     ),
-    errno.EAGAIN: "Try again later",
-    errno.EBUSY: "Device or resource busy",
-    errno.ETIMEDOUT: "Timed out",
+    error_numbers.EAGAIN: "Try again later",
+    error_numbers.EBUSY: "Device or resource busy",
+    error_numbers.ETIMEDOUT: "Timed out",
 }
 
 

@@ -1,13 +1,13 @@
 """Context of a program's Pybricks modules: its machine, console and run loop, and the classes that
 are bound to it."""
 
-import errno
 import functools
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from types import FunctionType
 from typing import Any
 
+from brickhub.virtual import error_numbers
 from brickhub.virtual.firmware import FIRMWARE_ERRORS, RefusedError, UnavailableError
 from brickhub.virtual.machine import CONTROL_LOOP_MS, Machine
 from brickhub.virtual.micropython.exceptions import is_native
@@ -29,7 +29,7 @@ def firmware_errors() -> Iterator[None]:
 def _of_hub(error: Exception) -> Exception:
     """The firmware's error for one of the motor control."""
     if isinstance(error, UnavailableError):
-        return os_error(error.errno or errno.EPERM)
+        return os_error(error.errno or error_numbers.EPERM)
     if isinstance(error, RefusedError):
         return ValueError("Invalid argument")
     # The firmware raises this (PBIO_ERROR_FAILED) for a move that rounding made infeasible.

@@ -1,13 +1,13 @@
 """``pybricks.iodevices``: plugged-in devices. UART: ``pb_type_uart_device.c`` and the hub's driver,
 v4."""
 
-import errno
 import math
 from collections.abc import Callable
 from types import ModuleType
 from typing import Any
 
 from brickhub.robot import SensorKind
+from brickhub.virtual import error_numbers
 from brickhub.virtual.bench_body import FittedBench
 from brickhub.virtual.machine import Machine
 from brickhub.virtual.micropython.containers import HubDict
@@ -55,7 +55,7 @@ class PUPDevice(Device):
     def reset(self) -> None:
         """Reset to the state after plugging in."""
         if not self._modes:
-            raise os_error(errno.EPERM)
+            raise os_error(error_numbers.EPERM)
         self._mode.name = self._device_modes.first_mode
 
     def read(self, mode: Any) -> Any:
@@ -95,7 +95,7 @@ class PUPDevice(Device):
         """A mode that the program names by its number. Raises OSError (EPERM) for a passive
         device."""
         if not self._modes:
-            raise os_error(errno.EPERM)
+            raise os_error(error_numbers.EPERM)
         # The firmware keeps a mode in a byte, so that 256 is mode 0.
         number = get_exact_int(mode) & 0xFF
         if number >= len(self._modes):
@@ -156,7 +156,7 @@ class UARTDevice(Native):
         answer = console.read(1)
         if answer not in b"yY":
             console.write(b"Cancelled. Power not enabled.\r\n")
-            raise os_error(errno.EOPNOTSUPP)
+            raise os_error(error_numbers.EOPNOTSUPP)
         console.write(answer + b". Port power may be enabled.\r\n")
 
     def set_baudrate(self, baudrate: Any) -> None:
@@ -185,7 +185,7 @@ class UARTDevice(Native):
 
     def wait_until(self, pattern: Any) -> Any:
         if self._awaits_pattern:
-            raise os_error(errno.EBUSY)
+            raise os_error(error_numbers.EBUSY)
         expect(get_text(pattern))
         self._awaits_pattern = True
         return self._reads.finish(lambda: False, poll_ms=1)
@@ -207,7 +207,7 @@ class UARTDevice(Native):
             # An awaitable begins when its task first runs, and not when it is made.
             if start_ms is None:
                 if direction in self._busy:
-                    raise os_error(errno.EBUSY)
+                    raise os_error(error_numbers.EBUSY)
                 self._busy.add(direction)
                 start_ms = self._machine.time_ms
             waited_ms = self._machine.time_ms - start_ms
@@ -216,7 +216,7 @@ class UARTDevice(Native):
                 return False
             self._busy.discard(direction)
             if is_late:
-                raise os_error(errno.ETIMEDOUT)
+                raise os_error(error_numbers.ETIMEDOUT)
             return True
 
         return is_done

@@ -3,7 +3,6 @@
 Sensors and lights are in ``pupsensors.py``.
 """
 
-import errno
 from collections.abc import Callable
 from math import trunc
 from types import ModuleType
@@ -11,6 +10,7 @@ from typing import Any
 
 from brickhub.errors import TwinError
 from brickhub.robot import Direction as MotorDirection
+from brickhub.virtual import error_numbers
 from brickhub.virtual.firmware.control import Controller, Logger, OnCompletion
 from brickhub.virtual.firmware.motor_model import Observer, ObserverSettings
 from brickhub.virtual.firmware.servo import Servo
@@ -332,7 +332,7 @@ class DCMotor(_BaseMotor):
         is_fitted = self._machine.plug_in(self._letter, "DCMotor")
         servo = self._machine.servos.get(self._letter)
         if servo is None or (servo.kind.model.has_encoder and not is_fitted):
-            raise os_error(errno.ENODEV)
+            raise os_error(error_numbers.ENODEV)
         self._servo = servo
         with firmware_errors():
             self._servo.setup_plain(self._direction)
@@ -356,7 +356,7 @@ class Motor(_BaseMotor):
         mode_name = mode.name if mode else None
         # A motor that a program has set up as a DCMotor, or put into another mode, sends no angles.
         if servo is None or servo.is_plain or not reports_angle(servo.kind, mode_name):
-            raise os_error(errno.ENODEV)
+            raise os_error(error_numbers.ENODEV)
         ratio = _gear_ratio_milli(gears)
         with firmware_errors():
             # The motor's own profile is 0 here.
@@ -470,7 +470,7 @@ class Motor(_BaseMotor):
         def is_done() -> bool:
             nonlocal angle_deg, since_ms
             if not self._servo.is_open:
-                raise os_error(errno.ENODEV)
+                raise os_error(error_numbers.ENODEV)
             if self._servo.is_done():
                 return True
             if self._servo.angle_deg() != angle_deg:

@@ -1,10 +1,10 @@
 """Sensors and lights of ``pybricks.pupdevices`` on the robot's ports."""
 
-import errno
 from collections.abc import Callable
 from typing import Any
 
 from brickhub.robot import Sense, SensorKind
+from brickhub.virtual import error_numbers
 from brickhub.virtual.machine import PortMode
 from brickhub.virtual.micropython.floats import to_single
 from brickhub.virtual.pybricks.arguments import (
@@ -48,7 +48,7 @@ class Device(Native):
         self._context.assert_blocking()
         self._letter = self._context.port_letter(port)
         if not self._is_plugged_in():
-            raise os_error(errno.ENODEV)
+            raise os_error(error_numbers.ENODEV)
         # The mode belongs to the port, so it outlasts this object.
         first_mode = PortMode(self._device_modes.first_mode)
         self._mode = self._machine.modes.setdefault(self._letter, first_mode)
@@ -80,7 +80,7 @@ class Device(Native):
         def measured() -> Any:
             # Another task has changed the mode before the driver knew that this one was asked for.
             if self._mode.name != mode:
-                raise os_error(errno.EPERM)
+                raise os_error(error_numbers.EPERM)
             value = get()
             log = self._machine.log
             if log is not None:
@@ -121,7 +121,7 @@ class Device(Native):
         if mode == state.name or is_in_previous:
             return
         if not self._is_ready():
-            raise os_error(errno.EAGAIN)
+            raise os_error(error_numbers.EAGAIN)
         state.previous = state.name
         state.name = mode
         state.changed_ms = self._told_ms()

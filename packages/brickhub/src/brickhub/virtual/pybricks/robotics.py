@@ -1,12 +1,12 @@
 """``pybricks.robotics``: drive bases, and cars of which one motor steers and others drive."""
 
-import errno
 import math
 from collections.abc import Callable
 from types import ModuleType
 from typing import Any
 
 from brickhub.errors import TwinError
+from brickhub.virtual import error_numbers
 from brickhub.virtual.firmware.control import OnCompletion
 from brickhub.virtual.firmware.servo import Servo
 from brickhub.virtual.micropython.floats import to_single
@@ -243,7 +243,7 @@ class DriveBase(Native):
 
         def is_done() -> bool:
             if not self._base.is_open:
-                raise os_error(errno.ENODEV)
+                raise os_error(error_numbers.ENODEV)
             if not self._base.is_done():
                 return False
             start = next(following, None)

@@ -6,12 +6,12 @@ hub sends messages, but receives none. Names and errors: ``pybricks`` on PyPI,
 ``pb_type_iodevices_lwp3device.c``, ``pb_type_iodevices_xbox_controller.c``, v4.
 """
 
-import errno
 from collections.abc import Callable
 from types import ModuleType
 from typing import Any
 
 from brickhub.robot.hardware import REMOTE_BUTTONS
+from brickhub.virtual import error_numbers
 from brickhub.virtual.micropython.numbers import module
 from brickhub.virtual.micropython.streams import as_bytes
 from brickhub.virtual.pybricks.arguments import (
@@ -69,7 +69,7 @@ def _unavailable(name: str) -> Callable[..., Any]:
     """A method that needs the device."""
 
     def method(self: Any, *values: Any) -> Any:
-        raise os_error(errno.ENODEV)
+        raise os_error(error_numbers.ENODEV)
 
     method.__name__ = method.__qualname__ = name
     return method
@@ -102,7 +102,7 @@ class Wireless(Native):
     def connect(self) -> Any:
         peripherals = self._context.peripherals
         if len(peripherals) >= self._machine.robot.hub.model.peripherals:
-            raise os_error(errno.EBUSY)
+            raise os_error(error_numbers.EBUSY)
         # A connected device does not advertise itself, so another search does not find it.
         is_taken = any(device._is_found(self) for device in peripherals)
         is_near = self._is_near() and not is_taken
@@ -118,7 +118,7 @@ class Wireless(Native):
             is_late = longest_ms is not None and waited_ms >= longest_ms
             if not is_near and is_late:
                 self._release()
-                raise os_error(errno.ETIMEDOUT)
+                raise os_error(error_numbers.ETIMEDOUT)
             is_found = is_near and waited_ms >= _SEARCH_MS
             self._is_connected = self._is_connected or is_found
             return is_found
@@ -156,7 +156,7 @@ class Wireless(Native):
         """Names of the buttons that are down. Raises OSError, ENODEV, while the device is not
         connected."""
         if not self._is_connected:
-            raise os_error(errno.ENODEV)
+            raise os_error(error_numbers.ENODEV)
         return self._machine.panel.pressed_on(self._kind, self._machine.time_ms)
 
 
@@ -199,7 +199,7 @@ class LWP3Device(Wireless):
             raise ValueError("bad length")
         if message[0] != len(message):
             raise ValueError("length in header wrong")
-        raise os_error(errno.ENODEV)
+        raise os_error(error_numbers.ENODEV)
 
     read = _unavailable("read")
 

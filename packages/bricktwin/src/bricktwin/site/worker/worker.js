@@ -54,8 +54,10 @@ async function start({ memory, interrupt }) {
 // The hub's compiler, which begins anew for each program; at once, as a program may compile while it runs.
 function compile(module, name, source, options) {
   let result = [1, undefined, "the compiler has ended without a word"];
+  // Its output is looked for beside a file that ends with .py; what `eval` compiles has no such name.
+  const words = name.endsWith(".py") ? [name] : ["-s", name, "main.py"];
   MpyCross({
-    arguments: [...options, name],
+    arguments: [...options, ...words],
     inputFileContents: source,
     instantiateWasm(imports, receive) {
       const instance = new WebAssembly.Instance(module, imports);
