@@ -13,6 +13,8 @@ export class Printed {
     this.decoder = new TextDecoder();
     this.element.replaceChildren();
     this.last = null;
+    this.waiting = []; // [text, kind], one after the other of another kind
+    this.shown = 0; // characters
   }
 
   // Output of the program: bytes, a character each; a letter may be divided.
@@ -20,19 +22,38 @@ export class Printed {
     this.append(this.decoder.decode(Uint8Array.from(bytes, (byte) => byte.charCodeAt(0)), { stream: true }), "out");
   }
 
+  // A program that prints without end has thousands of pieces a second: the page is laid out once for all of a moment.
   append(text, kind) {
     if (!text) return;
-    this.text = (this.text + text).slice(-KEPT);
-    const isAtEnd = this.element.scrollHeight - this.element.scrollTop - this.element.clientHeight < 40;
+    if (!this.waiting.length) queueMicrotask(() => this.flush());
+    const last = this.waiting.at(-1);
+    if (last?.[1] === kind) last[0] += text;
+    else this.waiting.push([text, kind]);
+    this.text += text;
+    if (this.text.length > 2 * KEPT) this.text = this.text.slice(-KEPT);
+  }
+
+  flush() {
+    const pieces = this.waiting, element = this.element;
+    this.waiting = [];
+    const isAtEnd = element.scrollHeight - element.scrollTop - element.clientHeight < 40;
+    for (const [text, kind] of pieces) this.show(text.slice(-SHOWN), kind);
+    // It fills no memory either: the first lines go.
+    while (this.shown > SHOWN && element.childElementCount > 1) {
+      this.shown -= element.firstElementChild.textContent.length;
+      element.firstElementChild.remove();
+    }
+    if (isAtEnd) element.scrollTop = element.scrollHeight;
+  }
+
+  show(text, kind) {
     if (this.last?.className !== kind || this.last.textContent.length > 4000) {
       this.last = document.createElement("span");
       this.last.className = kind;
       this.element.append(this.last);
     }
     this.last.append(text);
-    // A program that prints without end fills no memory: the first lines go.
-    while (this.element.textContent.length > SHOWN && this.element.childElementCount > 1) this.element.firstElementChild.remove();
-    if (isAtEnd) this.element.scrollTop = this.element.scrollHeight;
+    this.shown += text.length;
   }
 }
 
