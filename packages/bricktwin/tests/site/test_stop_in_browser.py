@@ -15,7 +15,6 @@ STOP_S = 1.0
 """On a computer with other tests beside; alone it takes at most 0.2 s."""
 
 
-@pytest.mark.realtime
 @pytest.mark.parametrize(
     "source",
     [
