@@ -55,7 +55,9 @@ def address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     thread.join()
 
 
-@pytest.fixture(scope="session")
+# Playwright's loop of events runs in this thread for as long as the browser is open: other modules, whose tests have loops of
+# their own, must not meet it.
+@pytest.fixture(scope="module")
 def browser() -> Iterator[Browser]:
     pytest.importorskip("playwright")
     with chromium() as started:

@@ -2,7 +2,6 @@
 those of others."""
 
 import math
-import statistics
 from collections.abc import Iterable, Sequence
 
 from brickhub.entry import Entry
@@ -62,9 +61,13 @@ class GaussianProcess:
         """Add a trial, whose world is the present one from here on."""
         place = place_of(numbers, self.entries)
         self._scores.append(score)
-        self.mean = statistics.fmean(self._scores)
+        self.mean = math.fsum(self._scores) / len(self)
         # One score has no deviation.
-        deviation = statistics.stdev(self._scores) if len(self) > 1 else 1.0
+        # Python in a browser's tab has no module `statistics`.
+        deviation = 1.0
+        if len(self) > 1:
+            squares = math.fsum((score - self.mean) ** 2 for score in self._scores)
+            deviation = math.sqrt(squares / (len(self) - 1))
         self.unit = max(deviation, _LEAST_UNIT)
         self._places.append(place)
         self._worlds.append(world)
