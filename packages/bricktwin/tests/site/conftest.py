@@ -55,8 +55,8 @@ def address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     thread.join()
 
 
-# Playwright's loop of events runs in this thread for as long as the browser is open: other modules, whose tests have loops of
-# their own, must not meet it.
+# Playwright has an event loop in this thread for as long as the browser is open. Other modules,
+# whose tests have loops of their own, must not meet it.
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Browser]:
     pytest.importorskip("playwright")
