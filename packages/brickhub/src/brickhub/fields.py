@@ -47,7 +47,7 @@ class Range:
 
 def _end(value: float) -> str:
     """An end of a range; a whole number in full, as ``g`` rounds to six digits."""
-    return str(value) if isinstance(value, int) else f"{value:g}"
+    return f"{value:,}" if isinstance(value, int) else f"{value:g}"
 
 
 Count = Annotated[int, Range(1)]

@@ -144,7 +144,7 @@ def test_invalid_teams_are_one_line(tmp_path: Path, capsys: pytest.CaptureFixtur
     for copies in ("-1", "1000000000"):
         assert (
             run(["team", "Tag-v0", "--copies", copies]) == 2
-            and "give a whole number from 0 to 65536" in capsys.readouterr().err
+            and "give a whole number from 0 to 65,536" in capsys.readouterr().err
         )
     assert run(["list", "--json"]) == 0 and json.loads(capsys.readouterr().out)["arenas"] == [
         "Tag-v0",
@@ -155,8 +155,8 @@ def test_invalid_teams_are_one_line(tmp_path: Path, capsys: pytest.CaptureFixtur
 @pytest.mark.parametrize(
     ("wrong", "says"),
     [
-        (("--frames", "0"), "frames is 0; give a whole number from 1 to 1000000000"),
-        (("--copies", "-3"), "copies is -3; give a whole number from 0 to 65536"),
+        (("--frames", "0"), "frames is 0; give a whole number from 1 to 1,000,000,000"),
+        (("--copies", "-3"), "copies is -3; give a whole number from 0 to 65,536"),
     ],
 )
 def test_wrong_number_is_named(

@@ -91,3 +91,9 @@ def test_principal_axes_give_the_matrix_again() -> None:
         size = np.abs(matrix).max()
         assert axes @ np.diag(moments) @ axes.T == pytest.approx(matrix, abs=1e-11 * size)
         assert np.linalg.norm(turn) == pytest.approx(1.0)
+
+
+def test_axes_of_what_is_no_number_are_found_in_the_end() -> None:
+    row = (math.nan, math.nan, math.nan)
+    moments, _ = principal_axes((row, row, row))
+    assert all(math.isnan(moment) for moment in moments)

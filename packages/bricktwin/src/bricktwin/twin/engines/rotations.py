@@ -146,7 +146,9 @@ def principal_axes(of: Matrix) -> tuple[Vector, Quaternion]:
     method)."""
     turn: Quaternion = (1.0, 0.0, 0.0, 0.0)
     size = sum(abs(of[axis][axis]) for axis in range(3))
-    while True:
+    moments = vector(of[axis][axis] for axis in range(3))
+    # Each turn takes a product away, and some ten do; what is no number would never end.
+    for _ in range(_MOST_TURNS):
         columns = [rotated(axis, turn) for axis in _AXES]
         images = [vector(dot(row, column) for row in of) for column in columns]
         moments = vector(dot(columns[axis], images[axis]) for axis in range(3))
@@ -154,13 +156,15 @@ def principal_axes(of: Matrix) -> tuple[Vector, Quaternion]:
         products = [dot(columns[axis - 2], images[axis - 1]) for axis in range(3)]
         axis = max(range(3), key=lambda number: abs(products[number]))
         if abs(products[axis]) <= _NO_PRODUCT * size:
-            return moments, turn
+            break
         # The turn in that plane after which its product is 0.
         difference = moments[axis - 2] - moments[axis - 1]
         angle = math.atan2(2.0 * products[axis], difference) / 2.0
         turn = product(turn, about(_AXES[axis], angle))
+    return moments, turn
 
 
 _AXES: Matrix = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+_MOST_TURNS = 60
 _NO_PRODUCT = 1e-13
 """Product of inertia, as a share of the moments, that is rounding."""
