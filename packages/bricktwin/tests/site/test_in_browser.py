@@ -209,6 +209,13 @@ def test_programs_are_kept_and_the_site_works_without_a_network(page: Page) -> N
         page.context.set_offline(False)
 
 
+def test_files_are_kept_for_this_folder_alone(page: Page, address: str) -> None:
+    """A site in another folder of the same web space keeps its own."""
+    kept = page.evaluate("caches.keys()")
+    assert kept
+    assert all(name.startswith(f"bricks {address} ") for name in kept)
+
+
 @pytest.mark.parametrize("width", [1280, 390])
 def test_nothing_is_wider_than_the_screen(page: Page, width: int) -> None:
     page.set_viewport_size({"width": width, "height": 800})

@@ -1,7 +1,9 @@
 // Service worker of the site: keeps its files for use without a network, and says with each that the page is isolated, which
 // a plain file server does not; without that, browsers give no memory that page and worker share.
 
-const CACHE = "bricks-BUILD-MARK", SCOPE = new URL("./", self.location).href;
+const SCOPE = new URL("./", self.location).href;
+// Other folders of the same web space may have sites of their own, whose files are kept beside.
+const OURS = `bricks ${SCOPE} `, CACHE = `${OURS}BUILD-MARK`;
 const SHELL = ["./"];
 // What runs in the page may run nothing that is not a file of the site. The worker's runtimes make functions of text; and a program
 // that somebody was sent runs there, so that nothing leaves the site's own address.
@@ -13,7 +15,7 @@ self.addEventListener("install", (event) => {
 });
 
 self.addEventListener("activate", (event) => {
-  const isOld = (name) => name.startsWith("bricks-") && name !== CACHE;
+  const isOld = (name) => name.startsWith(OURS) && name !== CACHE;
   event.waitUntil(
     caches.keys().then((names) => Promise.all(names.filter(isOld).map((name) => caches.delete(name)))).then(() => self.clients.claim()),
   );
