@@ -17,9 +17,13 @@ from brickhub.robot import (
     Motor,
     MotorKind,
     Mount,
+    PoweredUpSensor,
     Robot,
+    Sensor,
+    SensorKind,
     UltrasonicSensor,
 )
+from brickhub.robot.spec import sensor_of
 
 names = st.from_regex(r"[a-z_][a-z0-9_]{0,8}", fullmatch=True)
 hubs = st.sampled_from(HubKind)
@@ -29,19 +33,21 @@ hubs = st.sampled_from(HubKind)
 def descriptions(draw: st.DrawFn) -> Robot:
     """Any valid robot."""
     hub = draw(hubs)
-    ports = draw(st.permutations(hub.model.ports))
-    count = draw(st.integers(0, len(ports)))
+    count = draw(st.integers(0, len(hub.model.ports)))
     device_names = draw(st.lists(names, min_size=count, max_size=count, unique=True))
-    motor_count = draw(st.integers(0, count))
-    devices = list(zip(device_names, ports[:count], strict=True))
-    motors = tuple(
-        Motor(name, port, kind=draw(st.sampled_from(MotorKind)))
-        for name, port in devices[:motor_count]
-    )
-    sensors = tuple(UltrasonicSensor(name, port) for name, port in devices[motor_count:])
+    ports = draw(st.permutations(hub.model.ports))
+    motors: tuple[Motor, ...] = ()
+    sensors: tuple[Sensor, ...] = ()
+    for name, port in zip(device_names, ports, strict=False):
+        kinds = [kind for kind in (*MotorKind, *SensorKind) if port in hub.model.takes(kind.model)]
+        kind = draw(st.sampled_from(kinds))
+        if isinstance(kind, MotorKind):
+            motors += (Motor(name, port, kind=kind),)
+        else:
+            sensors += (sensor_of(kind, name, port),)
     base = (
         DriveBase(motors[0].name, motors[1].name, 56, 130)
-        if motor_count > 1 and draw(st.booleans())
+        if len(motors) > 1 and draw(st.booleans())
         else None
     )
     return Robot(
@@ -69,11 +75,35 @@ def test_missing_devices_are_named(robot: Robot, name: str) -> None:
 
 @given(hubs, st.text(max_size=3))
 def test_ports_follow_hub(hub: HubKind, port: str) -> None:
-    if len(port) == 1 and port in hub.model.ports:
-        assert Robot("r", hub, (Motor("m", port),))
+    motor = Motor("m", port, MotorKind(hub.model.usual_motor))
+    if len(port) == 1 and port in hub.model.motor_ports:
+        assert Robot("r", hub, (motor,))
     else:
-        with pytest.raises(DescriptionError, match="has ports|has no port"):
-            Robot("r", hub, (Motor("m", port),))
+        with pytest.raises(DescriptionError, match="has ports|has no port|does not fit"):
+            Robot("r", hub, (motor,))
+
+
+EV3_MOTOR = Motor("m", "A", MotorKind.EV3_LARGE)
+EV3_TOUCH = PoweredUpSensor("button", "1", SensorKind.EV3_TOUCH)
+
+
+@pytest.mark.parametrize(
+    ("hub", "device", "port", "message"),
+    [
+        (HubKind.EV3, EV3_MOTOR, "1", "is a ev3-large on port 1, .* one of A, B, C, D"),
+        (HubKind.EV3, EV3_TOUCH, "B", "is a Ev3TouchSensor on port B, .* one of 1, 2, 3, 4"),
+        (HubKind.EV3, Motor("m", "A"), "A", "a spike-medium, whose plug fits no port of a ev3 hub"),
+        (HubKind.PRIME, EV3_MOTOR, "A", "a ev3-large, whose plug fits no port of a prime hub"),
+    ],
+)
+def test_devices_fit_their_ports(
+    hub: HubKind, device: Motor | PoweredUpSensor, port: str, message: str
+) -> None:
+    moved = dataclasses.replace(device, port=port)
+    parts = {"motors" if isinstance(device, Motor) else "sensors": (moved,)}
+    with pytest.raises(DescriptionError, match=message):
+        Robot("r", hub, **parts)  # type: ignore[arg-type]
+    assert Robot("r", HubKind.EV3, (EV3_MOTOR,), (EV3_TOUCH,))
 
 
 @given(st.text(max_size=5))

@@ -8,7 +8,6 @@ import pytest
 from hub_programs import output
 
 from brickhub.robot import HubKind, Robot
-from brickhub.virtual.micropython import memory
 
 FILL = """
 class Point:
@@ -54,7 +53,6 @@ def test_memory_runs_out_as_in_the_firmware(
     monkeypatch.setattr(
         HubKind.PRIME, "model", replace(HubKind.PRIME.model, program_bytes=400 * 1024)
     )
-    monkeypatch.setattr(memory, "MOST_BYTES", 400 * 1024)
     count = int(output(FILL.replace("{item}", item)))
     assert 0.97 * firmware <= count <= 1.4 * firmware
 

@@ -57,7 +57,9 @@ print(watch.time())
     assert run(tmp_path, source, "A=interactive", "B=INTERACTIVE") == "(234, 733, 203, 763)\n3685\n"
 
 
-@pytest.mark.parametrize("kind", MotorKind)
+@pytest.mark.parametrize(
+    "kind", [kind for kind in MotorKind if HubKind.PRIME.model.takes(kind.model)]
+)
 def test_each_kind_of_motor_can_be_on_a_port(tmp_path: Path, kind: MotorKind) -> None:
     works = (
         "Motor(Port.D).control.limits()[0] > 0"
@@ -106,7 +108,7 @@ for port in (Port.A, Port.B, Port.C):
 def test_devices_are_named_by_kind() -> None:
     assert parse_device(" b = forcesensor ") == ("B", SensorKind.FORCE)
     assert parse_device("A=nothing") == ("A", None)
-    for text in ("A=dynamo", "G=interactive", "interactive"):
+    for text in ("A=dynamo", "G=interactive", "5=interactive", "interactive"):
         with pytest.raises(DescriptionError, match="A=interactive, of spike-small, .*, or nothing"):
             parse_device(text)
 
@@ -114,6 +116,8 @@ def test_devices_are_named_by_kind() -> None:
 def test_the_port_and_the_reading_there_must_suit_the_hub(tmp_path: Path) -> None:
     with pytest.raises(TwinError, match="the city hub has no port D; it has A, B"):
         run(tmp_path, "from pybricks.hubs import CityHub", "D=interactive")
+    with pytest.raises(TwinError, match="a ev3-large does not fit port A of the prime hub"):
+        run(tmp_path, "from pybricks.hubs import PrimeHub", "A=ev3-large")
     with pytest.raises(TwinError, match="senses force"):
         run(tmp_path, "", "A=ForceSensor", readings=("A.ambient=20%",))
 

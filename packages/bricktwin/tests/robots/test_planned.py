@@ -141,11 +141,11 @@ def test_hub_at_an_angle_has_no_imu(tmp_path, turn):
     assert made.motors and not made.needs_imu
 
 
-def test_unsupported_motor_raises(tmp_path):
+def test_motor_that_does_not_fit_the_hub_raises(tmp_path):
     plan = tmp_path / "ev3.ldr"
     plan.write_text("0 !BRICKSRL PORT A arm\n1 4 0 0 0 1 0 0 0 1 0 0 0 1 99455.dat\n")
     with pytest.raises(
-        DescriptionError, match=r"line 2: no hub of ours runs EV3 medium motor \(99455\); take"
+        DescriptionError, match="'arm' is a ev3-medium, whose plug fits no port of a prime hub"
     ):
         robot_of_plan(plan, hub=HubKind.PRIME)
 

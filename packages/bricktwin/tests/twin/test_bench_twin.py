@@ -21,7 +21,7 @@ from brickhub.robot import (
     SensorKind,
     UltrasonicSensor,
 )
-from brickhub.virtual.pybricks import pupsensors
+from brickhub.virtual.pybricks import ev3sensors, pupsensors
 from brickhub.virtual.virtual_transport import VirtualHub
 from bricktwin.robots import TWO_WHEELER, WALKER
 from bricktwin.twin.make_body import make_body
@@ -106,8 +106,9 @@ def test_scene_error_is_not_a_program_error() -> None:
 
 
 def test_readings_are_sensor_methods() -> None:
+    modules = {"pupdevices": pupsensors, "ev3devices": ev3sensors}
     for kind in SensorKind:
-        device = getattr(pupsensors, kind.value)
+        device = getattr(modules[kind.model.module], kind.model.class_name)
         assert all(callable(getattr(device, name)) for name in kind.model.readings), kind
 
 

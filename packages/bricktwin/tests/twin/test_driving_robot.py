@@ -102,9 +102,17 @@ def test_no_load_speed_follows_motor_curve(kind: MotorKind) -> None:
         MotorKind.TECHNIC_L_ANGULAR: (263, 1104),
         MotorKind.MEDIUM_LINEAR: (184, 1470),
         MotorKind.TRAIN: (184, 1470),
+        MotorKind.EV3_LARGE: (343, 832),
+        MotorKind.EV3_MEDIUM: (140, 1206),
+        MotorKind.NXT: (343, 832),
     }[kind]
     assert (stall_mnm, free_deg_s) == pytest.approx(expected, rel=0.01)
-    robot = replace(ROVER, motors=(*ROVER.motors, Motor("arm", "D", kind)))
+    rover = ROVER
+    # An EV3 takes only its own motors.
+    if kind.model.module == HubKind.EV3.model.devices:
+        wheels = tuple(replace(motor, kind=kind) for motor in ROVER.motors)
+        rover = replace(ROVER, hub=HubKind.EV3, motors=wheels, sensors=(), needs_imu=False)
+    robot = replace(rover, motors=(*rover.motors, Motor("arm", "D", kind)))
     body = placed(robot=robot, battery_v=7.2, battery_ohm=0.0)
     body.set_voltage("D", 7200)
     body.advance_to(1000)

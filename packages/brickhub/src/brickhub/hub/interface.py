@@ -370,7 +370,7 @@ class Distance(Channel):
 @dataclass(frozen=True)
 class HubButton(Channel):
     """Button of the hub, such as ``"left"``: 1 while it is down as the hub reads it, else 0. The
-    center button ends programs."""
+    one that stops programs is none: the center button, or the one at the upper left of an EV3."""
 
     button: str
     low: ClassVar[float] = 0.0
@@ -386,8 +386,9 @@ class HubButton(Channel):
 
     def buttons(self, robot: Robot) -> tuple[str, ...]:
         """Names of the buttons that a program may read."""
-        # The center button stops the program, which therefore never reads it.
-        return tuple(name for name in robot.hub.model.buttons if name != "center")
+        # A program never reads the button that stops it.
+        model = robot.hub.model
+        return tuple(name for name in model.buttons if name != model.stop_button)
 
     def check(self, robot: Robot) -> None:
         buttons = self.buttons(robot)
@@ -436,7 +437,11 @@ class ClientChannel(Channel):
         raise self.error(" is of a client of your own; name its program, or take another channel")
 
 
-PARTS = {"hsv": ("hue", "saturation", "value"), "tilt": ("pitch", "roll")}
+PARTS = {
+    "hsv": ("hue", "saturation", "value"),
+    "rgb": ("red", "green", "blue"),
+    "tilt": ("pitch", "roll"),
+}
 """Names of the numbers that some methods of sensors return together."""
 
 

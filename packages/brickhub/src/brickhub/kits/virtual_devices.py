@@ -18,8 +18,8 @@ from brickhub.virtual.firmware import RefusedError, UnavailableError
 from brickhub.virtual.firmware.control import OnCompletion
 from brickhub.virtual.firmware.servo import Servo
 from brickhub.virtual.machine import Machine
-from brickhub.virtual.pybricks.device_modes import Plug
 from brickhub.virtual.pybricks.parameters import nearest
+from brickhub.virtual.pybricks.plug import Plug
 from brickhub.virtual.stimuli import Hsv
 
 Report = tuple[str, tuple[int, ...]]

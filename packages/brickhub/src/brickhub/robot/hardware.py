@@ -47,12 +47,19 @@ class HubModel:
     Attributes:
         class_name, alias: class in ``pybricks.hubs``, and its other name if it has one.
         product_id: number by which it identifies itself to this computer.
+        firmware_name: first part of ``pybricks.version``.
         machine: name and processor, as ``usys.implementation`` tells them.
-        ports: letters of the ports for motors and sensors.
+        ports: names of the ports for motors and sensors, a character each: a letter, or the number
+            of a port that a program calls ``Port.S1``.
+        sensor_ports: those for sensors only, if it has such; the others then take motors only.
+        port_aliases: further names of ports in a program, each with the port.
+        devices: module of ``pybricks`` with the classes of the motors and sensors that fit its
+            ports.
+        usual_motor: name of the kind of motor that a bench takes for a program's ``Motor``.
         own_motors: those at which it has motors of its own, and ``own_kind``: the name of their
             kind.
         program_bytes: largest size of a user program, which is the memory for stored data and the
-            heap too.
+            heap too, unless ``block_bytes`` says that memory.
         stdin_bytes: usable size of the standard input ring buffer up to Pybricks 4.0; 0 means no
             stdin.
         packet_bytes: largest packet over Bluetooth (``PBDRV_BLUETOOTH_MAX_MTU_SIZE``, less 3),
@@ -71,8 +78,11 @@ class HubModel:
         has_float: whether the hub's MicroPython has floating-point numbers; one without is small,
             and has no streams either.
         has_display, has_speaker: whether there are a display of 5 x 5 pixels and a loudspeaker.
+        screen_pixels: width and height of its screen, which shows images; ``None`` without one.
         is_rechargeable: whether it has a lithium battery with a charger rather than cells.
-        buttons: names of its buttons.
+        has_bluetooth: whether a computer can reach it over Bluetooth, and not over USB only.
+        buttons: names of its buttons; ``stop_button``: the one that stops a program, unless that
+            chooses others.
         peripherals: number of wireless devices that it can hold
             (``PBDRV_CONFIG_BLUETOOTH_NUM_PERIPHERALS``).
         missing: builtin names, and classes of wireless devices, that its firmware leaves out.
@@ -82,8 +92,14 @@ class HubModel:
     class_name: str
     product_id: int
     ports: str
+    sensor_ports: str = ""
+    port_aliases: tuple[tuple[str, str], ...] = ()
+    devices: str = "pupdevices"
+    usual_motor: str = "spike-medium"
+    firmware_name: str = ""
     machine: str = ""
     program_bytes: int = 0
+    block_bytes: int = 0
     stdin_bytes: int = 0
     stack_bytes: int = 0
     call_bytes: int = 0
@@ -97,8 +113,11 @@ class HubModel:
     has_float: bool = True
     has_display: bool = False
     has_speaker: bool = False
+    screen_pixels: tuple[int, int] | None = None
     is_rechargeable: bool = False
+    has_bluetooth: bool = True
     buttons: tuple[str, ...] = ("center",)
+    stop_button: str = "center"
     peripherals: int = 1
     missing: tuple[str, ...] = ()
     alias: str = ""
@@ -111,13 +130,36 @@ class HubModel:
         over Bluetooth."""
         return self.program_bytes > 0
 
+    @property
+    def memory_bytes(self) -> int:
+        """Memory for stored data and the heap."""
+        return self.block_bytes or self.program_bytes
+
+    @property
+    def motor_ports(self) -> str:
+        """Names of the ports that take motors."""
+        return "".join(port for port in self.ports if port not in self.sensor_ports)
+
+    def takes(self, device: "MotorModel | SensorModel") -> str:
+        """Names of the ports that a motor or sensor fits; empty for one with another plug."""
+        if device.module != self.devices:
+            return ""
+        if isinstance(device, MotorModel):
+            return self.motor_ports
+        return self.sensor_ports or self.ports
+
+
+def port_name(port: str) -> str:
+    """Name of a port in a program, as a member of ``Port``."""
+    return f"S{port}" if port.isdigit() else port
+
 
 # The firmware of the smaller hubs leaves out the classes of these wireless devices.
 _RARE_DEVICES = ("DuploTrain", "MarioHub", "TechnicMoveHub")
 
 
 class HubKind(_Kind):
-    """Hubs supported by Pybricks 4 (except EV3 and NXT bricks, which are reached over USB only)."""
+    """Hubs supported by Pybricks 4 (except the NXT brick)."""
 
     model: HubModel
 
@@ -218,6 +260,38 @@ class HubKind(_Kind):
             *_RARE_DEVICES,
         ),
     )
+    EV3 = HubModel(
+        "ev3",
+        "EV3Brick",
+        product_id=0xE2,
+        firmware_name="ev3",
+        machine="MINDSTORMS EV3 Brick with TI Sitara AM1808",
+        ports="ABCD1234",
+        sensor_ports="1234",
+        # For programs that were written for a SPIKE hub.
+        port_aliases=(("E", "1"), ("F", "2")),
+        devices="ev3devices",
+        usual_motor="ev3-large",
+        # Its flash memory has room for four programs (`pbdrvconfig.h`).
+        program_bytes=196_468,
+        block_bytes=1024 * 1024,
+        stdin_bytes=20,
+        # The linker leaves at least this much of 64 MiB.
+        stack_bytes=4 * 1024 * 1024,
+        call_bytes=208,
+        stored_bytes=556,
+        storage_bytes=512,
+        # Its ARM9 has 300 MHz, but no unit for floats.
+        product_us=6,
+        has_speaker=True,
+        screen_pixels=(178, 128),
+        has_bluetooth=False,
+        buttons=("center", "left", "right", "up", "down", "left_up"),
+        stop_button="left_up",
+        peripherals=0,
+        missing=("LWP3Device", "XboxController"),
+        alias="PrimeHub",
+    )
 
 
 class KitKind(_Kind):
@@ -263,8 +337,9 @@ class MotorModel:
 
     Attributes:
         device_id: number by which it identifies itself to a hub.
-        like: name of the kind that it is in another colour, if so; for one without encoder, the
-            kind that a twin takes for it, as the firmware has no model of it.
+        module: module of ``pybricks`` that has its class; hubs that name the same one take it.
+        like: name of the kind that it is in another colour, or for the hub; for one without
+            encoder, the kind that a twin takes for it, as the firmware has no model of it.
         case: name of the kind whose case a twin gives it, if it has none of its own, as one inside
             of a hub.
         is_absolute: whether its rotation sensor knows the shaft's angle after plugging in.
@@ -273,6 +348,7 @@ class MotorModel:
 
     name: str
     device_id: int
+    module: str = "pupdevices"
     like: str = ""
     case: str = ""
     is_absolute: bool = True
@@ -280,7 +356,7 @@ class MotorModel:
 
     @property
     def class_name(self) -> str:
-        """Class in ``pybricks.pupdevices``."""
+        """Class in its module."""
         return "Motor" if self.has_encoder else "DCMotor"
 
 
@@ -316,6 +392,11 @@ class MotorKind(_Kind):
         like="technic-l",
         has_encoder=False,
     )
+    EV3_LARGE = MotorModel("ev3-large", 86, "ev3devices", is_absolute=False)
+    EV3_MEDIUM = MotorModel("ev3-medium", 87, "ev3devices", is_absolute=False)
+    # An EV3 Brick measures nearly the same voltage at its plug as at that of the large motor, and
+    # takes it for one.
+    NXT = MotorModel("nxt-motor", 86, "ev3devices", like="ev3-large", is_absolute=False)
 
 
 class Sense(enum.StrEnum):
@@ -327,6 +408,10 @@ class Sense(enum.StrEnum):
     FORCE: N on the button.
     TILT: pitch and roll, degrees.
     COUNT: number of passed objects.
+    ROTATION: angle about the sensor's axis, clockwise seen from above, in degrees, and its rate
+        in deg/s.
+    BEACON: distance of an infrared beacon in %, and its direction in degrees, to the right
+        positive.
     """
 
     SURFACE = "surface"
@@ -335,6 +420,8 @@ class Sense(enum.StrEnum):
     FORCE = "force"
     TILT = "tilt"
     COUNT = "count"
+    ROTATION = "rotation"
+    BEACON = "beacon"
 
 
 REMOTE_BUTTONS = ("left_plus", "left", "left_minus", "right_plus", "right", "right_minus", "center")
@@ -347,6 +434,7 @@ class SensorModel:
     ``virtual/pybricks/device_modes.py``.
 
     Attributes:
+        name: that of its class, unless sensors of two families have one of that name.
         device_id: number by which it identifies itself to a hub.
         senses: what it senses; a scene names the first one by the sensor alone. Empty for a light.
         readings: methods that return measurements, as numbers or booleans, for a ``SensorReading``.
@@ -354,6 +442,7 @@ class SensorModel:
             does not measure millimetres.
         light: call that sets the brightness of its light in %, for a ``LightBrightness``; empty
             without one.
+        module: module of ``pybricks`` that has its class; hubs that name the same one take it.
     """
 
     name: str
@@ -362,10 +451,16 @@ class SensorModel:
     readings: tuple[str, ...] = ()
     range_mm: tuple[int, int] | None = None
     light: str = ""
+    module: str = "pupdevices"
+
+    @property
+    def class_name(self) -> str:
+        """Class in its module."""
+        return self.name.removeprefix("Ev3")
 
 
 class SensorKind(_Kind):
-    """Sensors and lights, by the name of their class in ``pybricks.pupdevices``."""
+    """Sensors and lights of ``pybricks.pupdevices`` and ``pybricks.ev3devices``."""
 
     model: SensorModel
 
@@ -409,3 +504,38 @@ class SensorKind(_Kind):
     )
     LIGHT = SensorModel("Light", 8, light="on")
     COLOR_LIGHT_MATRIX = SensorModel("ColorLightMatrix", 64)
+    EV3_TOUCH = SensorModel(
+        "Ev3TouchSensor",
+        85,
+        (Sense.FORCE,),
+        ("pressed",),
+        module="ev3devices",
+    )
+    EV3_COLOR = SensorModel(
+        "Ev3ColorSensor",
+        29,
+        (Sense.SURFACE, Sense.AMBIENT),
+        ("reflection", "ambient", "rgb"),
+        module="ev3devices",
+    )
+    EV3_ULTRASONIC = SensorModel(
+        "Ev3UltrasonicSensor",
+        30,
+        (Sense.DISTANCE,),
+        range_mm=(30, 2550),
+        module="ev3devices",
+    )
+    EV3_GYRO = SensorModel(
+        "Ev3GyroSensor",
+        32,
+        (Sense.ROTATION,),
+        ("angle", "speed"),
+        module="ev3devices",
+    )
+    EV3_INFRARED = SensorModel(
+        "Ev3InfraredSensor",
+        33,
+        (Sense.DISTANCE, Sense.BEACON),
+        ("distance",),
+        module="ev3devices",
+    )

@@ -25,8 +25,8 @@ class Motor:
     """Motor on a port; angles and speeds are those of the gear train's output.
 
     Attributes:
-        port: port of the hub; "" for ``bricktwin.robots.planned.completed``, which takes the
-            one of that name in a building plan.
+        port: port of the hub, a letter; "" for ``bricktwin.robots.planned.completed``, which takes
+            the one of that name in a building plan.
         gears: teeth from the motor to the output, as in Pybricks, e.g. ``(20, 60)``. Empty means
             the motor's shaft, or those of a building plan, if the robot is made of one; ``(1, 1)``
             means the motor's shaft in any case.
@@ -157,7 +157,8 @@ class UltrasonicSensor:
 
 @dataclass(frozen=True)
 class PoweredUpSensor:
-    """Any other sensor on a port, read by a ``SensorReading``."""
+    """Any other sensor on a port, a letter, or a digit for one of EV3's sensor ports; read by a
+    ``SensorReading``, or by a ``Distance`` if it measures millimetres."""
 
     name: str
     port: str
@@ -336,6 +337,9 @@ class Robot:
                     f"'{device.name}' is on port {device.port}, but {ports}; move it or choose "
                     "another hub"
                 )
+            fitting_ports = self.hub.model.takes(device.kind.model)
+            if device.port not in fitting_ports:
+                raise self._error(_misfit(device, self.hub, fitting_ports))
 
     def _check_unique(
         self,
@@ -400,6 +404,24 @@ class Robot:
             self.sensors,
             name,
         )
+
+
+def _misfit(
+    device: Motor | Sensor,
+    hub: AnyHub,
+    fitting_ports: str,
+) -> str:
+    """Why a motor or sensor does not fit its port, and what does."""
+    kind = device.kind.value
+    if fitting_ports:
+        return (
+            f"'{device.name}' is a {kind} on port {device.port}, where it does not fit; move it to "
+            f"one of {', '.join(fitting_ports)}"
+        )
+    return (
+        f"'{device.name}' is a {kind}, whose plug fits no port of a {hub.value} hub; take one of "
+        f"pybricks.{hub.model.devices}, or another hub"
+    )
 
 
 def _are_at_right_angles(sides: tuple[str, ...]) -> bool:

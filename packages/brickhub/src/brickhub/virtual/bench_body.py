@@ -1,9 +1,7 @@
 """Bench: a robot that is not assembled, of given motors and sensors, or of those that a program
 uses.
 
-The motor model is that of the firmware's test build (``motor_driver_virtual_simulation.c``, v4): a
-medium angular motor in steps of 1 ms with the states angle, speed and current, used for every kind
-of motor. It brakes also when it should coast.
+Its motors brake also when they should coast.
 """
 
 import math
@@ -14,18 +12,15 @@ from types import MappingProxyType
 from brickhub.errors import SceneError, TwinError
 from brickhub.hub.link.profiles import DEFAULT_LINK, PROFILES
 from brickhub.robot import AnyHub, MotorKind, Robot, Sense, SensorKind, UltrasonicSensor
+from brickhub.virtual.bench_motor import BenchMotor, step_of
 from brickhub.virtual.body import Rng
 from brickhub.virtual.given_readings import GivenReading
 from brickhub.virtual.stimuli import DEFAULT_STIMULI, Reading, Sensed, number
 
-_FRICTION_UNM = 21413.268
-_FRICTION_LINEAR_BELOW_MDEG_S = 2000.0
-_STOP_UNM_PER_MDEG = 500.0
-_STOP_UNM_PER_MDEG_S = 5.0
 _MAX_DUTY = 1000
 """Steps of the PWM (``PBDRV_MOTOR_DRIVER_MAX_DUTY``)."""
-_NEAREST_MM = UltrasonicSensor.NEAREST_MM
-_FARTHEST_MM = UltrasonicSensor.FARTHEST_MM
+_ALL_MM = (UltrasonicSensor.NEAREST_MM, UltrasonicSensor.FARTHEST_MM)
+"""Range of an ultrasonic sensor whose kind nobody has said."""
 _STALL_TRAVEL_MDEG = 90_000.0
 _HEADING_PER_WHEEL = 0.25
 """Degrees that the hub turns for one of a wheel: wheels of 56 mm, 112 mm apart."""
@@ -35,55 +30,6 @@ _DEFAULTS: Mapping[Sense, Sensed] = {
     Sense.FORCE: 0.0,
     Sense.TILT: (0.0, 0.0),
 }
-
-
-class BenchMotor:
-    """Motor: angle in mdeg, speed in mdeg/s, current in 0.1 mA, voltage in mV, end ``stops`` in
-    mdeg."""
-
-    __slots__ = ("angle", "current", "speed", "stops", "voltage")
-
-    def __init__(self, stops: tuple[float, float] | None = None) -> None:
-        self.angle = 0.0
-        self.speed = 0.0
-        self.current = 0.0
-        self.voltage = 0.0
-        self.stops = stops
-
-    def step(self, friction_unm: float) -> None:
-        """One millisecond."""
-        v = self.speed
-        i = self.current
-        u = self.voltage
-        linear_below = _FRICTION_LINEAR_BELOW_MDEG_S
-        if v > linear_below:
-            torque = friction_unm
-        elif v < -linear_below:
-            torque = -friction_unm
-        else:
-            torque = friction_unm * v / linear_below
-        # An end stop is a spring with a damper, which acts only beyond it.
-        if self.stops is not None:
-            low, high = self.stops
-            excess = self.angle - max(low, min(self.angle, high))
-            if excess:
-                torque += excess * _STOP_UNM_PER_MDEG + v * _STOP_UNM_PER_MDEG_S
-        # This is x(k+1) = A x(k) + B u(k) of the firmware's simulation. Its order of operations is
-        # kept, because it decides the last digit of a drive base's angle.
-        angle = self.angle + v * 0.0009981527613056019 + i * 0.001957577848006867
-        self.angle = angle + u * 0.0002818172865566039 + torque * -9.498678309037282e-05
-        self.speed = (
-            v * 0.994653578576391
-            + i * 3.640640918794361
-            + u * 0.815657436669528
-            + torque * -0.18980175337809
-        )
-        self.current = (
-            v * -0.0021977502690683696
-            + i * 0.6348769647439378
-            + u * 0.335291816502189
-            + torque * 0.0002247101788128779
-        )
 
 
 class BenchBody:
@@ -132,17 +78,17 @@ class BenchBody:
         stops = _end_stops_mdeg(robot, {**described_end_stops(robot), **end_stops})
         self._motors: dict[str, BenchMotor] = {}
         for motor in robot.motors:
-            self._motors[motor.port] = BenchMotor(stops.get(motor.port))
+            self._motors[motor.port] = BenchMotor(step_of(motor.kind), stops.get(motor.port))
         self._time_ms = 0
 
     def reset(self, rng: Rng) -> None:
         """No effect."""
 
     def advance_to(self, time_ms: int) -> None:
-        friction_unm = _FRICTION_UNM * self.motor_friction_scale
+        friction_scale = self.motor_friction_scale
         while self._time_ms < time_ms:
             for motor in self._motors.values():
-                motor.step(friction_unm)
+                motor.step(friction_scale)
             self._time_ms += 1
 
     def angle_mdeg(self, port: str) -> int:
@@ -168,8 +114,7 @@ class BenchBody:
         """Stimulus of a sensor at the present angles. Raises SceneError if its reading raises."""
         reading = self._readings.get((port, sense))
         if reading is None:
-            range_mm = self._kinds[port].model.range_mm
-            return _DEFAULTS[sense] if range_mm is None else range_mm[1]
+            return self._unread(port, sense)
         try:
             angles_deg = {
                 name: self.angle_mdeg(motor_port) / mdeg_per_deg
@@ -184,9 +129,17 @@ class BenchBody:
                 f"({file}, line {line}); correct it"
             ) from error
 
+    def _unread(self, port: str, sense: Sense) -> Sensed:
+        """Stimulus of a sensor without a reading."""
+        if sense is Sense.ROTATION:
+            return self.heading_deg(), self.turn_rate_deg_s()
+        range_mm = self._kinds[port].model.range_mm
+        return _DEFAULTS[sense] if range_mm is None else range_mm[1]
+
     def distance_mm(self, port: str) -> int:
+        nearest_mm, farthest_mm = self._kinds[port].model.range_mm or _ALL_MM
         distance_mm = round(number(self.sensed(port, Sense.DISTANCE)))
-        return min(max(distance_mm, _NEAREST_MM), _FARTHEST_MM)
+        return min(max(distance_mm, nearest_mm), farthest_mm)
 
     def tilt_deg(self) -> tuple[float, float]:
         # A vertical acceleration gives -0.0 here, not 0.0.
@@ -199,6 +152,10 @@ class BenchBody:
         return 0.0, 0.0, 9810.0
 
     def heading_deg(self) -> float:
+        return 0.0
+
+    def turn_rate_deg_s(self) -> float:
+        """Rate of the heading."""
         return 0.0
 
     def rotation_deg(self) -> tuple[float, float, float]:
@@ -270,8 +227,10 @@ def _readings_by_sense(
         )
     for sensor in robot.sensors:
         model = sensor.kind.model
-        # "Nothing near" is a sensible default for a distance, but other sensors have none.
-        needs_reading = model.senses and model.range_mm is None
+        # "Nothing near" is a sensible default for a distance, and a gyroscope turns with the hub,
+        # but other sensors have none.
+        is_known = model.range_mm is not None or Sense.ROTATION in model.senses
+        needs_reading = model.senses and not is_known
         if needs_reading and sensor.name not in readings:
             raise TwinError(
                 f"sensor '{sensor.name}' of robot '{robot.name}' has no reading; "
@@ -295,7 +254,7 @@ class FittedBench(BenchBody):
         readings: of sensors; without one a sensor sees nothing near, dark, untouched and level.
         end_stops: lowest and highest angle of the motor on a port, deg of the shaft.
         devices: what is on a port, ``None`` for nothing; on others there is what the program asks
-            for, medium motors of SPIKE.
+            for, motors of the kind that is usual for the hub.
         report: called with a line about what the bench assumes.
 
     Attributes:
@@ -334,9 +293,16 @@ class FittedBench(BenchBody):
                     f"port {port} of the {hub.value} hub has the hub's own motor; say what is on "
                     "another port"
                 )
+            if kind is None:
+                continue
+            if port not in hub.model.takes(kind.model):
+                raise TwinError(
+                    f"a {kind.value} does not fit port {port} of the {hub.value} hub; say what "
+                    "else is there"
+                )
             if isinstance(kind, MotorKind):
                 self._add_motor(port, kind, kind.model.class_name)
-            elif kind is not None:
+            else:
                 self._add_sensor(port, kind.value)
 
     def plug_in(
@@ -344,13 +310,17 @@ class FittedBench(BenchBody):
         port: str,
         device: str,
     ) -> bool:
-        """Plug in a device of a class of ``pybricks.pupdevices``. Returns whether the port was free
-        or has it already. Raises TwinError if the port's reading does not suit the device."""
+        """Plug in a motor by its class, or a sensor by the name of its kind. Returns whether the
+        port has it now. Raises TwinError if the port's reading does not suit the device."""
         if port not in self._free_ports:
             return self._devices.get(port) == device
+        is_motor = device in ("Motor", "DCMotor")
+        kind = self._usual_motor(port, device) if is_motor else SensorKind(device)
+        if port not in self.robot.hub.model.takes(kind.model):
+            return False
         self._free_ports.remove(port)
-        if device in ("Motor", "DCMotor"):
-            self._add_motor(port, self._usual_motor(port, device), device)
+        if isinstance(kind, MotorKind):
+            self._add_motor(port, kind, device)
         else:
             self._add_sensor(port, device)
         return True
@@ -364,9 +334,9 @@ class FittedBench(BenchBody):
         hub = self.robot.hub.model
         if port in hub.own_motors:
             return MotorKind(hub.own_kind)
-        if device == MotorKind.SPIKE_MEDIUM.model.class_name:
-            return MotorKind.SPIKE_MEDIUM
-        return MotorKind.MEDIUM_LINEAR
+        plain = MotorKind.MEDIUM_LINEAR
+        wants_plain = device == plain.model.class_name and hub.takes(plain.model)
+        return plain if wants_plain else MotorKind(hub.usual_motor)
 
     def _add_motor(
         self,
@@ -381,7 +351,7 @@ class FittedBench(BenchBody):
         if stops_deg is not None:
             low, high = stops_deg
             stops_mdeg = (low * 1000.0, high * 1000.0)
-        self._motors[port] = BenchMotor(stops_mdeg)
+        self._motors[port] = BenchMotor(step_of(kind), stops_mdeg)
 
     def _add_sensor(
         self,
@@ -484,9 +454,11 @@ class FittedBench(BenchBody):
         turned_deg = sum(turn * self._motors[port].angle for port, turn in self._turns.items())
         return self._heading_offset_deg + turned_deg
 
+    def turn_rate_deg_s(self) -> float:
+        return sum(turn * self._motors[port].speed for port, turn in self._turns.items())
+
     def angular_velocity_deg_s(self) -> tuple[float, float, float]:
-        rate = sum(turn * self._motors[port].speed for port, turn in self._turns.items())
-        return self._about_vertical(rate)
+        return self._about_vertical(self.turn_rate_deg_s())
 
     def rotation_deg(self) -> tuple[float, float, float]:
         return self._about_vertical(self.heading_deg())

@@ -30,6 +30,7 @@ _NOTHING_SENSED: dict[Sense, Sensed] = {
     Sense.SURFACE: (0.0, 0.0, 0.0),
     Sense.FORCE: 0.0,
     Sense.TILT: (0.0, 0.0),
+    Sense.ROTATION: (0.0, 0.0),
 }
 """What a sensor tells that senses nothing; an ultrasonic sensor tells its farthest distance."""
 
@@ -400,19 +401,24 @@ class FaultyBody:
         if port not in self.dead_ports:
             return self.sound.sensed(self.sound_port(port), sense)
         # Infrared sensors of a distance tell it in percent instead.
-        is_far = sense is Sense.DISTANCE and self._measures_mm(port)
-        return float(UltrasonicSensor.FARTHEST_MM) if is_far else _NOTHING_SENSED[sense]
+        farthest_mm = self._farthest_mm(port)
+        if sense is Sense.DISTANCE and farthest_mm is not None:
+            return float(farthest_mm)
+        return _NOTHING_SENSED[sense]
 
     def distance_mm(self, port: str) -> int:
         if port in self.dead_ports:
-            return UltrasonicSensor.FARTHEST_MM
+            return self._farthest_mm(port) or UltrasonicSensor.FARTHEST_MM
         return self.sound.distance_mm(self.sound_port(port))
 
-    def _measures_mm(self, port: str) -> bool:
-        return any(
-            sensor.port == port and sensor.kind.model.range_mm is not None
-            for sensor in self.robot.sensors
-        )
+    def _farthest_mm(self, port: str) -> int | None:
+        """What the sensor on a port tells where it hears no echo; ``None`` for one that measures
+        no millimetres."""
+        for sensor in self.robot.sensors:
+            range_mm = sensor.kind.model.range_mm
+            if sensor.port == port and range_mm is not None:
+                return range_mm[1]
+        return None
 
     def tilt_deg(self) -> tuple[float, float]:
         return self.sound.tilt_deg()

@@ -14,6 +14,8 @@ from brickhub.robot import MotorKind, Robot, Sense, SensorKind
 from brickhub.virtual.readings_file import Row, read_rows
 from brickhub.virtual.stimuli import COLORS, Sensed
 
+_ALSO_MEANT = {Sense.TILT: Sense.ROTATION}
+"""Of a gyroscope, degrees are a rotation."""
 _BUTTON_FORCES_N: Mapping[str, float] = {"pressed": 10.0, "released": 0.0}
 _UNIT_SENSES = {"mm": Sense.DISTANCE, "n": Sense.FORCE, "deg": Sense.TILT}
 _EXAMPLES = (
@@ -25,9 +27,16 @@ _CELLS = _EXAMPLES.replace("B=", "").removesuffix(", @file")
 _COMMAS = " (a comma separates columns here; write 2.5, or separate columns by ;)"
 _COUNTS_BY_UNIT: Mapping[str | None, tuple[int, ...]] = {None: (1, 2, 3), "deg": (1, 2)}
 """Numbers that may have a unit together; one of other units."""
-_VALUE_COUNTS = {Sense.SURFACE: (1, 3), Sense.AMBIENT: (1, 3), Sense.TILT: (2,)}
+_VALUE_COUNTS = {
+    Sense.SURFACE: (1, 3),
+    Sense.AMBIENT: (1, 3),
+    Sense.TILT: (2,),
+    Sense.ROTATION: (1, 2),
+    Sense.BEACON: (2,),
+}
 """Numbers of values that a stimulus can have; one for other senses."""
-_READING = re.compile(r"([A-Fa-f])(?:\.([a-z]+))?=(.+)")
+_PORT = "[A-Fa-f]|[Ss]?[1-4]"
+_READING = re.compile(rf"({_PORT})(?:\.([a-z]+))?=(.+)")
 _OTHER_UNIT = re.compile(r"[-+.\d,\s]*\d\s*([^\W\d]+)")
 _NUMBERS = re.compile(r"([-+.\d,\s]+?)\s*(mm|%|n|deg)?")
 _END_STOP = re.compile(r"([A-Fa-f])=(-?[\d.]+)\.\.(-?[\d.]+)")
@@ -60,10 +69,12 @@ class GivenReading:
         return self.values[max(0, index)]
 
     def sense_of(self, device: str) -> Sense:
-        """Sense of a device of a class of ``pybricks.pupdevices`` that these values are for. Raises
+        """Sense of a device, the name of a kind of sensor, that these values are for. Raises
         TwinError if it has no such sense, or if the values do not suit that."""
         available = SensorKind(device).model.senses
         sense = self.sense
+        if sense in _ALSO_MEANT and _ALSO_MEANT[sense] in available:
+            sense = _ALSO_MEANT[sense]
         # The first sense is the main one, such as the surface of a color sensor.
         if sense is None and available:
             sense = available[0]
@@ -95,8 +106,8 @@ def parse_reading(text: str, folder: Path = Path()) -> GivenReading:
     match = _READING.fullmatch(text.strip())
     if match is None:
         raise _no_reading(text)
-    letter, name, written = match.groups()
-    port = letter.upper()
+    written_port, name, written = match.groups()
+    port = _port_of(written_port)
     value = written.strip()
     if name is not None and name not in set(Sense):
         known = ", ".join(Sense)
@@ -124,6 +135,11 @@ def parse_reading(text: str, folder: Path = Path()) -> GivenReading:
         places,
         _hint_of(rows[0]),
     )
+
+
+def _port_of(text: str) -> str:
+    """The port of a text such as ``b``, ``2`` or ``S2``."""
+    return text.upper().removeprefix("S")
 
 
 def _hint_of(row: Row) -> str:
@@ -222,8 +238,8 @@ def parse_device(text: str) -> tuple[str, MotorKind | SensorKind | None]:
     kinds = (*MotorKind, *SensorKind)
     devices = {kind.value.lower(): kind for kind in kinds}
     is_known = name.lower() in ("nothing", *devices)
-    if is_known and re.fullmatch("[A-Fa-f]", port):
-        return port.upper(), devices.get(name.lower())
+    if is_known and re.fullmatch(_PORT, port):
+        return _port_of(port), devices.get(name.lower())
     known = ", ".join(kind.value for kind in kinds)
     raise DescriptionError(
         f"'{text}' is not a device on a port; give one such as A=interactive, of {known}, "

@@ -18,7 +18,7 @@ from brickhub.robot.hardware import REMOTE_BUTTONS
 DEFAULT_PRESS_S = 0.2
 POLL_MS = 50
 """Poll interval of a hub's stop button (``pbio/sys/core.c``, v4)."""
-STOP_BUTTON = "center"
+_POWER_BUTTON = "center"
 _SWITCH_OFF_MS = 2000
 _SHADES = ".-+#"
 _DIRECTIONS = ("up", "down", "left", "right")
@@ -59,7 +59,7 @@ class Press:
     """One press of a button.
 
     Attributes:
-        button: ``left``, ``right``, ``center``, ``bluetooth``; ``remote.left_plus`` and so on for a
+        button: ``left``, ``right``, ``center`` and so on; ``remote.left_plus`` and so on for a
             remote control, ``xbox.a``, ``xbox.joystick_left_up`` and so on for an Xbox controller.
         start_s, duration_s: simulated seconds.
 
@@ -134,7 +134,7 @@ class Panel:
         self._hub = hub
         self._presses: list[tuple[int, int, str]] = []
         self._held: set[str] = set()
-        self.stop_buttons = frozenset({STOP_BUTTON})
+        self.stop_buttons = frozenset({hub.model.stop_button})
         self.near = set(near)
         self.remote_name: str | None = None
         self.on_change: Callable[[Panel], None] | None = None
@@ -264,7 +264,7 @@ class Panel:
         down = self.pressed(time_ms - 1)
         # After two seconds the center button switches the hub off, whatever the program made of the
         # stop button.
-        if STOP_BUTTON in down:
+        if _POWER_BUTTON in down:
             first_ms, last_ms = self._center_polls
             is_held_since = last_ms == time_ms - POLL_MS
             first_ms = first_ms if is_held_since else time_ms
@@ -302,7 +302,7 @@ class Panel:
 
     def start_program(self) -> None:
         """Reset as before each program: default stop button, no light, sound or display."""
-        self.stop_buttons = frozenset({STOP_BUTTON})
+        self.stop_buttons = frozenset({self._hub.model.stop_button})
         self.quarter_turns = 0
         self._animations.clear()
         self.change(light=None)

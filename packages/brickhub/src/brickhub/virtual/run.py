@@ -1,6 +1,5 @@
 """Running program files on a virtual hub."""
 
-import ast
 import functools
 import re
 import signal
@@ -22,7 +21,7 @@ from brickhub.hub.program.run_program import (
     load_program,
     time_limit_note,
 )
-from brickhub.hub.program.syntax import parse
+from brickhub.hub.program.syntax import imported_names, parse
 from brickhub.hub.transport import HubProgram, as_typed
 from brickhub.robot import HubKind, MotorKind, SensorKind
 from brickhub.virtual import error_numbers
@@ -238,11 +237,15 @@ def run_file(
 
 
 def _imported_hub(program: HubProgram) -> HubKind:
-    """The kind of hub that a program imports; Prime by default."""
-    kinds: dict[str, HubKind] = {}
+    """The kind of hub that a program imports, or that has the devices that it imports; Prime by
+    default."""
+    kinds = {kind.model.class_name: kind for kind in HubKind}
+    kinds_by_devices: dict[str, HubKind] = {}
+    # Of hubs that share a name, or a module, the first one is meant.
     for kind in HubKind:
-        kinds[kind.model.class_name] = kind
-        kinds[kind.model.alias] = kind
+        kinds.setdefault(kind.model.alias, kind)
+        kinds_by_devices.setdefault(f"pybricks.{kind.model.devices}", kind)
+    found = HubKind.PRIME
     module_sources = [module.source for module in program.modules]
     for source in (program.source, *module_sources):
         try:
@@ -250,18 +253,11 @@ def _imported_hub(program: HubProgram) -> HubKind:
         except (SyntaxError, ValueError):
             # The hub's compiler says what is wrong, when the program runs.
             continue
-        for name in _names_of_hubs(tree):
-            if name in kinds:
+        for module, name in imported_names(tree):
+            if module == "pybricks.hubs" and name in kinds:
                 return kinds[name]
-    return HubKind.PRIME
-
-
-def _names_of_hubs(tree: ast.AST) -> Iterator[str]:
-    """What a program imports from ``pybricks.hubs``."""
-    for node in ast.walk(tree):
-        if isinstance(node, ast.ImportFrom) and node.module == "pybricks.hubs":
-            for alias in node.names:
-                yield alias.name
+            found = kinds_by_devices.get(module, found)
+    return found
 
 
 def _run(

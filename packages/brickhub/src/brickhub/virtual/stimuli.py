@@ -7,7 +7,8 @@ from brickhub.errors import TwinError
 from brickhub.robot import Sense
 
 Sensed = float | tuple[float, ...]
-"""A number, a color (hue, saturation, value), or a tilt (pitch, roll)."""
+"""A number, a color (hue, saturation, value), a tilt (pitch, roll), a rotation (angle, rate), or a
+beacon (distance, direction); empty for no beacon."""
 Reading = Callable[[Mapping[str, float]], Sensed]
 """A stimulus as a function of motor angles (deg at the output, by name)."""
 Hsv = tuple[int, int, int]
@@ -29,17 +30,18 @@ COLORS: Mapping[str, Hsv] = {
     "NONE": (0, 0, 0),
 }
 """Pybricks' named colors, in its order."""
-DEFAULT_STIMULI: Mapping[Sense, float] = {
+DEFAULT_STIMULI: Mapping[Sense, Sensed] = {
     Sense.AMBIENT: 0.0,
     Sense.DISTANCE: 100.0,
     Sense.COUNT: 0.0,
+    Sense.BEACON: (),
 }
-"""Defaults of secondary senses: dark, nothing near, nothing passed."""
+"""Defaults of secondary senses: dark, nothing near, nothing passed, no beacon."""
 
 
 _EXPECTED = {
     1: "a number",
-    2: "(pitch, roll)",
+    2: "two numbers, such as (pitch, roll)",
     3: "a brightness or (hue, saturation, value)",
 }
 """Descriptions, for messages, of a stimulus with this many values."""
@@ -72,6 +74,24 @@ def pitch_and_roll(sensed: Sensed) -> tuple[float, float]:
     """Both angles of a tilt. Raises TwinError if it is not a tilt."""
     pitch, roll = _expect(sensed, 2)
     return pitch, roll
+
+
+def rotation(sensed: Sensed) -> tuple[float, float]:
+    """Angle and rate of a rotation; a number is the angle of what does not turn. Raises TwinError
+    if it is neither."""
+    if isinstance(sensed, int | float):
+        return float(sensed), 0.0
+    angle_deg, rate_deg_s = _expect(sensed, 2)
+    return angle_deg, rate_deg_s
+
+
+def beacon(sensed: Sensed) -> tuple[float, float] | None:
+    """Distance and direction of a beacon, ``None`` if there is none. Raises TwinError if it is no
+    beacon."""
+    if sensed == ():
+        return None
+    distance_pct, direction_deg = _expect(sensed, 2)
+    return distance_pct, direction_deg
 
 
 def reflection_pct(hsv: Hsv) -> int:

@@ -77,7 +77,9 @@ def test_other_motor_kind_is_a_warning() -> None:
 
 def test_every_described_device_has_a_number_and_a_name() -> None:
     for kind in MotorKind:
-        assert device_name(kind.model.device_id) == f"motor {kind.value}"
+        # An EV3 Brick takes an NXT motor for its own large one.
+        known = MotorKind.EV3_LARGE if kind is MotorKind.NXT else kind
+        assert device_name(kind.model.device_id) == f"motor {known.value}"
     assert {device_name(kind.model.device_id) for kind in SensorKind} == {
         "color sensor",
         "color distance sensor",
@@ -87,6 +89,7 @@ def test_every_described_device_has_a_number_and_a_name() -> None:
         "light",
         "color light matrix",
         "ultrasonic sensor",
+        *(f"ev3 {name} sensor" for name in ("touch", "color", "ultrasonic", "gyro", "infrared")),
     }
     numbers = [
         device.kind.model.device_id

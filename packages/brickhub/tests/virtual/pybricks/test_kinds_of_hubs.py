@@ -38,6 +38,10 @@ LACKS = {
         *("tools.Matrix", "tools.vector", "tools.cross", "tools.Axis"),
         *("pupdevices.DuploTrain", "pupdevices.MarioHub", "pupdevices.TechnicMoveHub"),
     },
+    HubKind.EV3: {
+        *("tools.hub_menu", "parameters.Icon", "iodevices.XboxController"),
+        *("pupdevices.DuploTrain", "pupdevices.MarioHub", "pupdevices.TechnicMoveHub"),
+    },
 }
 NAMES = set().union(*LACKS.values())
 MOVE = Robot("small", HubKind.MOVE, motors=(Motor("left", "A"), Motor("right", "B")))
@@ -140,7 +144,7 @@ def test_buttons_of_move_hub_are_a_tuple() -> None:
 @pytest.mark.parametrize("kind", HubKind)
 def test_storage_of_a_program(kind: HubKind) -> None:
     """``PBSYS_CONFIG_STORAGE_USER_DATA_SIZE`` of each hub."""
-    size = 512 if kind in (HubKind.PRIME, HubKind.ESSENTIAL) else 128
+    size = 512 if kind in (HubKind.PRIME, HubKind.ESSENTIAL, HubKind.EV3) else 128
     source = f"""
 from pybricks.hubs import ThisHub
 system = ThisHub().system

@@ -30,7 +30,7 @@ def hub(source: str) -> str:
 @pytest.mark.parametrize("kind", list(HubKind))
 def test_only_own_hub_class(kind: HubKind) -> None:
     robot = Robot("it", kind)
-    own = {kind.model.class_name, "ThisHub"} | ({"InventorHub"} if kind is HubKind.PRIME else set())
+    own = {kind.model.class_name, "ThisHub", kind.model.alias}
     for name in (
         "PrimeHub",
         "InventorHub",

@@ -57,7 +57,10 @@ _ENCODERS = {kind.model.device_id for kind in MotorKind if kind.model.has_encode
 
 
 def _device_names() -> dict[int, str]:
-    names = {kind.model.device_id: f"motor {kind.value}" for kind in MotorKind}
+    names: dict[int, str] = {}
+    for motor_kind in MotorKind:
+        # Of kinds that no hub can tell apart, the first one gives the name.
+        names.setdefault(motor_kind.model.device_id, f"motor {motor_kind.value}")
     for kind in SensorKind:
         # People read "color distance sensor" and not "ColorDistanceSensor".
         words = re.sub("(?<!^)([A-Z])", r" \1", kind.value)

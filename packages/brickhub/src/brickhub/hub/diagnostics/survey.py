@@ -16,6 +16,7 @@ from brickhub.hub.program.run_program import TIME_LIMIT_EXIT_CODE, describe_trac
 from brickhub.hub.protocol import Up, control_frame, hello_payload
 from brickhub.hub.transport import HubProgram, Transport
 from brickhub.robot import Motor, Robot
+from brickhub.robot.hardware import port_name
 from brickhub.robot.spec import HUB_FLAT
 
 STALL_SPEED_DEG_S = 60
@@ -62,7 +63,7 @@ class Survey:
 def survey_program(robot: Robot) -> HubProgram:
     """Hub program of `survey`."""
     model = robot.hub.model
-    ports = ", ".join(f'("{port}", Port.{port})' for port in model.ports)
+    ports = ", ".join(f'("{port}", Port.{port_name(port)})' for port in model.ports)
     return _program(
         f"Asks what is plugged into the robot '{robot.name}', and how the hub is. Moves nothing.",
         ["from pybricks import version", "from pybricks.iodevices import PUPDevice", *_IMPORTS],

@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping
 from mpy_cross_v6 import mpy_cross_compile
 
 from brickhub.errors import ProgramError, hint
-from brickhub.hub.program.syntax import parse
+from brickhub.hub.program.syntax import imported_names, parse
 from brickhub.hub.transport import MAIN_FILE, HubProgram
 from brickhub.robot import AnyHub
 
@@ -166,9 +166,5 @@ def _global_names(table: symtable.SymbolTable) -> Iterator[str]:
 
 def imported_modules(tree: ast.AST) -> Iterator[str]:
     """Names of the modules in all import statements."""
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Import):
-            yield from (alias.name for alias in node.names)
-        # A relative import has no module name of its own.
-        elif isinstance(node, ast.ImportFrom) and node.module is not None and not node.level:
-            yield node.module
+    for module, _ in imported_names(tree):
+        yield module

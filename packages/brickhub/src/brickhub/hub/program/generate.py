@@ -20,6 +20,7 @@ from brickhub.hub.interface import Channel, Interface, Pitch, Roll
 from brickhub.hub.transport import HubProgram, Pipe
 from brickhub.hub.trial_protocol import SHARE_MAX, TRIAL_END, TrialWire
 from brickhub.robot import Direction, Motor, Robot, Sensor
+from brickhub.robot.hardware import port_name
 from brickhub.robot.spec import HUB_FLAT
 
 WATCHDOG_MS = 400
@@ -370,10 +371,9 @@ def _robot_imports(robot: Robot, interface: Interface) -> list[str]:
     motors = _motors(robot, interface)
     sensors = _sensors(robot, interface)
     names = {("pybricks.hubs", robot.hub.model.class_name)}
-    for motor in motors:
-        names.add(("pybricks.pupdevices", motor.kind.model.class_name))
-    for sensor in sensors:
-        names.add(("pybricks.pupdevices", sensor.kind.value))
+    for device in (*motors, *sensors):
+        kind = device.kind.model
+        names.add((f"pybricks.{kind.module}", kind.class_name))
     for number in (*interface.commands, *interface.channels):
         names.update(number.imports)
     if motors or sensors:
@@ -517,7 +517,8 @@ def _devices(robot: Robot, interface: Interface) -> str:
     for setup in setups:
         lines += setup
     for sensor in _sensors(robot, interface):
-        lines.append(f"sensor_{sensor.name} = {sensor.kind.value}(Port.{sensor.port})")
+        class_name = sensor.kind.model.class_name
+        lines.append(f"sensor_{sensor.name} = {class_name}(Port.{port_name(sensor.port)})")
     # A dictionary holds each mover once, because the two wheels of a drive base have a single one
     # that stops and ends a step.
     movers: dict[str, None] = {}
@@ -530,7 +531,7 @@ def _devices(robot: Robot, interface: Interface) -> str:
 
 def _motor_lines(motor: Motor, is_joint: bool) -> list[str]:
     variable = f"motor_{motor.name}"
-    arguments = [f"Port.{motor.port}"]
+    arguments = [f"Port.{port_name(motor.port)}"]
     if motor.direction is Direction.COUNTERCLOCKWISE:
         arguments.append("Direction.COUNTERCLOCKWISE")
     # Gears convert the angles of an encoder, so a DCMotor takes none.

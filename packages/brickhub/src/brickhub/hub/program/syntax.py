@@ -72,6 +72,18 @@ def parse(
                 raise error from None
 
 
+def imported_names(tree: ast.AST) -> Iterator[tuple[str, str]]:
+    """Modules of all import statements, each with a name that is taken from it, or ""."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            for alias in node.names:
+                yield alias.name, ""
+        # A relative import has no module name of its own.
+        elif isinstance(node, ast.ImportFrom) and node.module is not None and not node.level:
+            for alias in node.names:
+                yield node.module, alias.name
+
+
 def _as_cpython(match: re.Match[str]) -> str:
     """Matched syntax as CPython accepts it."""
     # Within three quotes CPython accepts a single quote in the braces, before 3.12 too.

@@ -13,7 +13,7 @@ class RefusedError(ValueError):
 
 
 class UnavailableError(OSError):
-    """A motor that cannot be used now (EBUSY, ENODEV)."""
+    """A motor that cannot be used now (EBUSY, ENODEV), or not so (EOPNOTSUPP)."""
 
 
 class InfeasibleMoveError(ArithmeticError):

@@ -4,6 +4,10 @@ observer, whose model tracks the measured angle.
 Figures: motor curves measured by Pybricks, as stored in the firmware (``servo_settings.c``, v4).
 Each entry is a denominator: ``PRESCALE[column] * value / entry`` is the contribution of a column to
 the next state.
+
+The models of EV3's motors are discretised for steps of 10 ms (``motor_data.py``, ``h=0.01``), but
+the firmware runs them every 5 ms as all others. So a brick estimates half of the true speed, and so
+does this observer. They are no models of the motors themselves.
 """
 
 from __future__ import annotations
@@ -114,6 +118,8 @@ class MotorType:
         precision_deg: position tolerance, which determines the gains.
         observer_gain: feedback of the observer for small errors, mV/deg.
         low_kp_speed_deg_s: slower commands use a reduced position gain.
+        gain_shares: kp, ki and kd as shares of those that follow from the precision, each a
+            numerator and a denominator (``pbio_servo_override_settings``).
     """
 
     model: ObserverModel
@@ -122,6 +128,7 @@ class MotorType:
     precision_deg: int
     low_kp_speed_deg_s: int
     max_voltage_mv: int = 9000
+    gain_shares: tuple[tuple[int, int], ...] = ((1, 1), (1, 1), (1, 1))
 
 
 def _clamp(value: int, limit: int) -> int:
@@ -169,6 +176,16 @@ _TYPES = {
         (-202833, -8118383, 157720, 636829),
         45536, 8438, 10851, 15357, 24835,
     ), 1500, 45, 20, 250,),
+    "ev3-large": MotorType(ObserverModel(
+        (88290, 5755278, 5240040, -1887437), (921, 44574, 21582, -9555),
+        (-61626, 21338185, 106130, 861143),
+        107106, 3587, 2083, 1965, 16476,
+    ), 800, 30, 10, 100, gain_shares=((2, 3), (2, 3), (1, 6)),),
+    "ev3-medium": MotorType(ObserverModel(
+        (89465, 1568301, 2220112, -399652), (950, 12886, 9410, -2034),
+        (-197440, -5095199, 209263, 546357),
+        49219, 7806, 7365, 9355, 24593,
+    ), 1200, 45, 10, 0, gain_shares=((1, 3), (1, 2), (1, 10)),),
 }  # fmt: skip
 MOTOR_TYPES = {kind: _TYPES[kind.model.like or kind.value] for kind in MotorKind}
 """Properties by kind of motor; some kinds have those of another, as in the firmware."""

@@ -105,7 +105,8 @@ class Servo:
         self._is_updated = False
         if reset_angle:
             measured = split(self.body.angle_mdeg(self.port))
-            self._set_zero(difference(measured, (0, self._absolute_mdeg())))
+            absolute_mdeg = self._absolute_mdeg() if self.kind.model.is_absolute else 0
+            self._set_zero(difference(measured, (0, absolute_mdeg)))
         if self.is_taken:
             raise UnavailableError(error_numbers.EBUSY, "the motor is in use already")
         self.set_voltage(None)
@@ -198,7 +199,8 @@ class Servo:
         return self.observer.is_stalled(self.clock.time_ticks)
 
     def reset_angle(self, angle_deg: int | None) -> None:
-        """Set the angle, with ``None`` to the absolute angle of the shaft. A running move stops."""
+        """Set the angle, with ``None`` to the absolute angle of the shaft. A running move stops.
+        Raises OSError (EOPNOTSUPP) for a motor that does not know that."""
         # Stopping clears what the motor did, so that is remembered first.
         was_active = self.control.is_active
         then = self.control.on_completion
@@ -206,6 +208,10 @@ class Servo:
         self.stop(OnCompletion.COAST)
         self.control.reset()
         if angle_deg is None:
+            if not self.kind.model.is_absolute:
+                raise UnavailableError(
+                    error_numbers.EOPNOTSUPP, "the motor does not know its absolute angle"
+                )
             turns = 0
             mdeg = self._absolute_mdeg() * self.direction
         else:
@@ -490,6 +496,14 @@ def servo_settings(
     # The differential part goes by the motor's own precision, whatever the profile.
     nominal_mv = min(motor.max_voltage_mv, 7500)
     nominal_torque = motor.model.torque_unm(nominal_mv)
+    gains = (
+        nominal_torque // precision_deg,
+        nominal_torque // precision_deg // 2,
+        nominal_torque // motor.precision_deg // 8,
+    )
+    kp, ki, kd = (
+        gain * share // whole for gain, (share, whole) in zip(gains, motor.gain_shares, strict=True)
+    )
     speed = motor.max_speed_deg_s * 1000
     return ControlSettings(
         steps_per_unit=gear_ratio_milli,
@@ -498,9 +512,9 @@ def servo_settings(
         acceleration=2_000_000,
         deceleration=2_000_000,
         max_torque=motor.model.torque_unm(motor.max_voltage_mv),
-        kp=nominal_torque // precision_deg,
-        ki=nominal_torque // precision_deg // 2,
-        kd=nominal_torque // motor.precision_deg // 8,
+        kp=kp,
+        ki=ki,
+        kd=kd,
         kp_low_pct=50,
         kp_low_error=5_000,
         kp_low_speed=motor.low_kp_speed_deg_s * 1000,

@@ -10,14 +10,15 @@ import gc
 import itertools
 import sys
 from collections.abc import Callable, Iterable
+from contextvars import ContextVar
 from types import CellType, CoroutineType, FrameType, FunctionType, GeneratorType, MethodType
 from typing import Any
 
 from brickhub.robot import AnyHub, HubKind, HubModel
 from brickhub.virtual.micropython.exceptions import FIRMWARE, is_native, is_own, local_values
 
-MOST_BYTES = max(kind.model.program_bytes for kind in HubKind)
-"""Memory of the largest hub."""
+MEMORY_BYTES: ContextVar[int] = ContextVar("memory", default=HubKind.PRIME.model.memory_bytes)
+"""Memory of the hub whose program runs in this thread."""
 BLOCK_BYTES = 16
 """Bytes of a block of MicroPython's heap."""
 _REFERENCE_BYTES = 4
@@ -34,18 +35,20 @@ _LONGEST_INTERVAL = 1024
 """Branches between two checks of a program that does not grow."""
 _KEPT_BYTES = 1024 + 250
 """Kept free for what interrupts a program; before its first line, and to look at the stack."""
+_MOST_PLAYED = 600
+"""Largest number of nested calls that is played, as this computer's Python has a limit too."""
 _VARIABLES_BYTES = 40
 """Variables of a small function. They take 24 to 64 bytes; those that need more are on the heap."""
 
 
 def check_allocation(size_bytes: int) -> None:
-    """Raise MemoryError for an object that fits on no hub."""
-    if size_bytes > MOST_BYTES:
+    """Raise MemoryError for an object that the hub has no memory for."""
+    if size_bytes > MEMORY_BYTES.get():
         raise MemoryError(f"memory allocation failed, allocating {size_bytes} bytes")
 
 
 def items_of(values: Iterable[Any], *, item_bytes: int = _REFERENCE_BYTES) -> list[Any]:
-    """A list of an iterable's items. Raises MemoryError if there are more than fit on any hub."""
+    """A list of an iterable's items. Raises MemoryError if there are more than fit on the hub."""
     items: list[Any] = []
     extend(items, values, item_bytes)
     return items
@@ -56,16 +59,16 @@ def extend(
     values: Iterable[Any],
     item_bytes: int = _REFERENCE_BYTES,
 ) -> None:
-    """Append an iterable's items one by one. Raises MemoryError if there are more than fit on any
+    """Append an iterable's items one by one. Raises MemoryError if there are more than fit on the
     hub."""
     # One more than fits is taken, so that a list that is too long shows, and an endless iterable
     # ends.
-    items.extend(itertools.islice(values, MOST_BYTES // item_bytes + 1))
+    items.extend(itertools.islice(values, MEMORY_BYTES.get() // item_bytes + 1))
     check_allocation(item_bytes * len(items))
 
 
 class Heap:
-    """Heap of one kind of hub.
+    """Heap of one kind of hub, for the program that runs next in this thread.
 
     Attributes:
         size_bytes: for objects.
@@ -73,7 +76,8 @@ class Heap:
     """
 
     def __init__(self, hub: HubModel) -> None:
-        self.size_bytes = int((hub.program_bytes - hub.stored_bytes) * (1.0 - _TABLES_SHARE))
+        MEMORY_BYTES.set(hub.memory_bytes)
+        self.size_bytes = int((hub.memory_bytes - hub.stored_bytes) * (1.0 - _TABLES_SHARE))
         self.namespaces: list[dict[str, Any]] = []
         self._used_bytes = 0
         self._interval = 1
@@ -212,7 +216,7 @@ def most_nested_calls(hub: AnyHub) -> int:
     """Number of functions, with the program itself, that can wait for each other on a kind of
     hub."""
     free_bytes = hub.model.stack_bytes - _KEPT_BYTES
-    return free_bytes // (hub.model.call_bytes + _VARIABLES_BYTES)
+    return min(free_bytes // (hub.model.call_bytes + _VARIABLES_BYTES), _MOST_PLAYED)
 
 
 def check_of_calls(most: int) -> Callable[[Any], Any]:

@@ -5,6 +5,7 @@ from types import ModuleType
 from typing import Any
 
 from brickhub.hub.program.compile import U_PREFIXED
+from brickhub.robot.hardware import port_name
 from brickhub.virtual.frozen import frozen_module
 from brickhub.virtual.interpreter import Modules
 from brickhub.virtual.machine import Machine
@@ -14,14 +15,18 @@ from brickhub.virtual.micropython.numbers import math_module, module, random_mod
 from brickhub.virtual.micropython.streams import BytesIO, Console, IOBase, StringIO
 from brickhub.virtual.micropython.transform import COMPREHENSIONS
 from brickhub.virtual.pybricks.context import Context
+from brickhub.virtual.pybricks.ev3devices import ev3devices_modules
 from brickhub.virtual.pybricks.experimental import experimental_module
 from brickhub.virtual.pybricks.hubs import hubs_module
 from brickhub.virtual.pybricks.iodevices import iodevices_module
 from brickhub.virtual.pybricks.parameters import enumeration, parameters_module
-from brickhub.virtual.pybricks.pupdevices import pupdevices_module
+from brickhub.virtual.pybricks.pupdevices import pupdevices_modules
 from brickhub.virtual.pybricks.robotics import robotics_module
 from brickhub.virtual.pybricks.tools import tools_module
 from brickhub.virtual.pybricks.wireless import messaging_module
+
+_DEVICE_MODULES = {"pupdevices": pupdevices_modules, "ev3devices": ev3devices_modules}
+"""Modules of the motors and sensors that a hub takes, by the name of the first one."""
 
 
 def modules(machine: Machine, console: Console) -> Modules:
@@ -32,7 +37,9 @@ def modules(machine: Machine, console: Console) -> Modules:
     """
     hub = machine.robot.hub
     machine.runs_program = True
-    ports = enumeration("Port", " ".join(hub.model.ports))
+    ports = enumeration("Port", " ".join(map(port_name, hub.model.ports)))
+    for alias, port in hub.model.port_aliases:
+        setattr(ports, alias, getattr(ports, port_name(port)))
     context = Context(machine, console, ports)
     heap = Heap(hub.model)
     machine.check_memory = heap.check
@@ -66,7 +73,6 @@ def _pybricks_modules(context: Context) -> dict[str, ModuleType]:
     parts = [
         hubs_module(context, hub.model),
         parameters_module(context),
-        pupdevices_module(context),
         robotics_module(context),
     ]
     tools = tools_module(context, messaging.AppData)
@@ -75,8 +81,13 @@ def _pybricks_modules(context: Context) -> dict[str, ModuleType]:
     if hub.model.has_float:
         parts += [iodevices_module(context), experimental_module(hub.model)]
     result = {f"pybricks.{part.__name__}": part for part in parts}
+    for part in _DEVICE_MODULES[hub.model.devices](context):
+        result[f"pybricks.{part.__name__}"] = part
+    # On every hub a program finds its motors and sensors under this name.
+    result.setdefault("pybricks.pupdevices", result[f"pybricks.{hub.model.devices}"])
     firmware = machine.firmware
-    version = (f"{hub.value}hub", firmware.version, firmware.build)
+    name = hub.model.firmware_name or f"{hub.value}hub"
+    version = (name, firmware.version, firmware.build)
     result["pybricks"] = module("pybricks", {"version": version})
     # Programs still import the tools under this older name.
     if hub.model.has_float:

@@ -109,9 +109,9 @@ class Context:
         self.is_waiting = False
 
     def port_letter(self, port: Any) -> str:
-        """Letter of a ``Port``. Raises TypeError for another value."""
+        """Letter of a ``Port``, or its number. Raises TypeError for another value."""
         expect_type(port, self.ports)
-        return str(port._name)
+        return str(port._name).removeprefix("S")
 
     def yield_once(self) -> Async:
         """An awaitable that only yields to other tasks."""

@@ -24,7 +24,7 @@ def restore_firmware() -> None:
 def experimental_module(hub: HubModel) -> ModuleType:
     """The module of a kind of hub."""
     names: dict[str, Any] = {"hello_world": hello_world}
-    # Only hubs with a chip of flash memory keep LEGO's firmware, and can restore it.
-    if hub.storage_bytes > 128:
+    # Only SPIKE's hubs, which are rechargeable, keep LEGO's firmware, and can restore it.
+    if hub.is_rechargeable:
         names["restore_firmware"] = restore_firmware
     return module("experimental", names)

@@ -22,7 +22,8 @@ from brickhub.virtual.pybricks.arguments import (
     os_error,
 )
 from brickhub.virtual.pybricks.context import Awaited, Context, Native, classes
-from brickhub.virtual.pybricks.device_modes import MODES, DeviceMode, DeviceModes, reports_angle
+from brickhub.virtual.pybricks.device_modes import MODES, reports_angle
+from brickhub.virtual.pybricks.plug import DeviceMode, DeviceModes
 from brickhub.virtual.pybricks.pupsensors import Device
 from brickhub.virtual.pybricks.wireless import LWP3Device, XboxController
 

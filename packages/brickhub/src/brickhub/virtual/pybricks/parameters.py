@@ -366,6 +366,6 @@ def parameters_module(context: Context) -> ModuleType:
         "Side": Side,
         "Stop": Stop,
     }
-    if hub.has_display:
+    if hub.has_display or hub.screen_pixels:
         names["Icon"] = Icon()
     return module("parameters", names)

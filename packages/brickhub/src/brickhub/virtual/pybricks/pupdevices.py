@@ -497,11 +497,12 @@ _STUCK_MS = 60_000
 for one that never arrives."""
 
 
-def pupdevices_module(context: Context) -> ModuleType:
+def pupdevices_modules(context: Context) -> list[ModuleType]:
+    """``pybricks.pupdevices``, for hubs that take Powered Up devices."""
     kinds = (Remote, TechnicMoveHub, DuploTrain, MarioHub, DCMotor, *DEVICES)
     # The firmware of a Move hub is built without these.
     model = context.machine.robot.hub.model
     hidden = () if model.has_float else ("control", "log", "model")
     names: dict[str, Any] = {"PFMotor": PFMotor, "Motor": bind(context, Motor, *hidden)}
     names |= classes(context, kinds)
-    return module("pupdevices", names)
+    return [module("pupdevices", names)]

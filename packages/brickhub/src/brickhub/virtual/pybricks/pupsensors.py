@@ -17,8 +17,9 @@ from brickhub.virtual.pybricks.arguments import (
     truncated,
 )
 from brickhub.virtual.pybricks.context import Native
-from brickhub.virtual.pybricks.device_modes import MAX_FORCE_MN, SENSOR_MODES, DeviceModes, Plug
+from brickhub.virtual.pybricks.device_modes import SENSOR_MODES
 from brickhub.virtual.pybricks.parameters import NAMED_COLORS, Color, Direction, nearest
+from brickhub.virtual.pybricks.plug import MAX_FORCE_MN, DeviceModes, Plug
 from brickhub.virtual.stimuli import Hsv
 
 _TRAVEL_UM = 6670
@@ -420,5 +421,10 @@ class PFMotor(Native):
     brake = stop
 
 
-# A kind of sensor is named after its class here.
-DEVICES: tuple[type[Device], ...] = tuple(globals()[kind.value] for kind in SensorKind)
+def _own_devices() -> tuple[type[Device], ...]:
+    """The classes of this module's kinds of sensors, which are named after them."""
+    models = [kind.model for kind in SensorKind]
+    return tuple(globals()[model.name] for model in models if model.module == "pupdevices")
+
+
+DEVICES = _own_devices()

@@ -11,7 +11,7 @@ from brickhub.virtual.micropython.iterables import close
 from brickhub.virtual.micropython.numbers import module
 from brickhub.virtual.pybricks.arguments import get_int
 from brickhub.virtual.pybricks.context import Context, Native, bind
-from brickhub.virtual.pybricks.hubs import LightMatrix
+from brickhub.virtual.pybricks.hub_panel import LightMatrix
 from brickhub.virtual.pybricks.matrix import Matrix, cross, vector
 from brickhub.virtual.pybricks.parameters import Axis
 
