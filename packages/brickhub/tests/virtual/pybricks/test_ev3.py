@@ -45,7 +45,7 @@ print(pybricks.version[0], usys.implementation[2], OtherMotor is Motor is NxtMot
 print(EV3Brick is PrimeHub, ForceSensor is TouchSensor, Port.E is Port.S1, Port.F is Port.S2)
 brick = EV3Brick(Color.RED, top_side=3)
 print([name for name in dir(brick) if name[0] != "_"])
-"""  # noqa: E501
+"""
     assert on_brick(source).splitlines() == [
         "ev3 MINDSTORMS EV3 Brick with TI Sitara AM1808 True",
         "True True True True",

@@ -51,6 +51,7 @@ def device_table() -> dict[str, Any]:
         model = kind.model
         panel = {"buttons": list(model.buttons), "display": model.has_display}
         hubs[model.class_name] = panel
+        # An EV3 Brick has the name of the Prime hub too, whose it is.
         if model.alias:
-            hubs[model.alias] = panel
+            hubs.setdefault(model.alias, panel)
     return {"motors": motors, "sensors": sensors, "hubs": hubs}
