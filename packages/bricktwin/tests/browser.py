@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page, Route
 
 _NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
-_FLAGS = (
+FLAGS = (
     "--no-sandbox",
     "--use-angle=swiftshader",
     "--enable-unsafe-swiftshader",
@@ -29,21 +29,23 @@ TIMEOUT_MS = 120_000
 """Timeout of all waits in the browser."""
 
 
+def chromium_path(own: str) -> str:
+    """Path of the system's browser, or of Playwright's ``own``; skips the test without either."""
+    found = next((path for name in _NAMES if (path := shutil.which(name))), None)
+    found = found or shutil.which(own)
+    if found is None:
+        pytest.skip("no Chromium is on this computer; install one (Debian: apt install chromium)")
+    return found
+
+
 @contextmanager
 def chromium() -> Iterator[Browser]:
     """A browser; skips the test without one."""
     from playwright.sync_api import sync_playwright
 
     with sync_playwright() as playwright:
-        own = playwright.chromium.executable_path
-        found = next(
-            (path for name in _NAMES if (path := shutil.which(name))), None
-        ) or shutil.which(own)
-        if found is None:
-            pytest.skip(
-                "no Chromium is on this computer; install one (Debian: apt install chromium)"
-            )
-        browser = playwright.chromium.launch(executable_path=found, args=list(_FLAGS))
+        path = chromium_path(playwright.chromium.executable_path)
+        browser = playwright.chromium.launch(executable_path=path, args=list(FLAGS))
         yield browser
         browser.close()
 

@@ -11,7 +11,7 @@ import struct
 import threading
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Coroutine
+from collections.abc import Callable, Coroutine
 from typing import Any
 
 from brickhub.hub.program.compile import MAIN_MODULE, compile_mpy
@@ -21,6 +21,7 @@ from brickhub.hub.transports.profile import CommandError, Event, PybricksCommand
 from brickhub.robot import HubKind, Robot
 from brickhub.virtual import interpreter
 from brickhub.virtual.bench_body import BenchBody
+from brickhub.virtual.body import Body
 from brickhub.virtual.machine import Machine
 from brickhub.virtual.micropython.exceptions import ProgramInterrupt
 from brickhub.virtual.micropython.text import format_traceback
@@ -145,6 +146,8 @@ class ProgramRun:
     def _keep_pace(self) -> None:
         if self._stop:
             raise _Stopped
+        while self._hub.by_hand:
+            self._hub.by_hand.pop()()
         now_ms = self._machine.time_ms
         self._machine.alarm_ms = now_ms + 1
         if self._hub.is_driven:
@@ -154,18 +157,6 @@ class ProgramRun:
         ahead_s = self._start_s + self._machine.time_ms / 1000 - time.monotonic()
         if ahead_s > 0:
             time.sleep(ahead_s)
-
-
-class WatchedBody(BenchBody):
-    """Records applied voltages."""
-
-    def __init__(self, robot: Robot) -> None:
-        super().__init__(robot)
-        self.voltages_mv = dict.fromkeys((motor.port for motor in robot.motors), 0)
-
-    def set_voltage(self, port: str, voltage_mv: int | None) -> None:
-        super().set_voltage(port, voltage_mv)
-        self.voltages_mv[port] = voltage_mv or 0
 
 
 class PlayedFirmware(ABC):
@@ -180,11 +171,13 @@ class PlayedFirmware(ABC):
         runs: number of program starts.
         longest_silent_drive_ms: longest time (hub time) with motor voltage and a silent host.
         flushes_late: whether it reports the program's end before its last output.
+        by_hand: what somebody does with the robot, at its next moment while a program runs.
     """
 
-    def __init__(self, robot: Robot, name: str) -> None:
+    def __init__(self, robot: Robot, name: str, body: Body | None = None) -> None:
         self.name = name
-        self.body = WatchedBody(robot)
+        self.body = body or BenchBody(robot)
+        self._watch_voltages()
         self.machine = Machine(self.body)
         self.library: list[str] = []
         self.files: dict[str, str] = {}
@@ -196,6 +189,7 @@ class PlayedFirmware(ABC):
         self.runs = 0
         self.longest_silent_drive_ms = 0
         self.flushes_late = False
+        self.by_hand: list[Callable[[], object]] = []
         self._ram = bytearray(robot.hub.model.program_bytes)
         self._run: ProgramRun | None = None
 
@@ -216,6 +210,16 @@ class PlayedFirmware(ABC):
     async def settle(self) -> None:
         """A program has ended: whatever a hub does then."""
 
+    def _watch_voltages(self) -> None:
+        self.voltages_mv = dict.fromkeys((motor.port for motor in self.body.robot.motors), 0)
+        set_voltage = self.body.set_voltage
+
+        def watched(port: str, voltage_mv: int | None) -> None:
+            set_voltage(port, voltage_mv)
+            self.voltages_mv[port] = voltage_mv or 0
+
+        self.body.set_voltage = watched
+
     @property
     def is_running(self) -> bool:
         return self._run is not None
@@ -223,7 +227,7 @@ class PlayedFirmware(ABC):
     @property
     def is_driven(self) -> bool:
         """Whether a motor is under voltage."""
-        return any(self.body.voltages_mv.values())
+        return any(self.voltages_mv.values())
 
     def wait_until(self, attribute: str, value: object, timeout_s: float = 5.0) -> float:
         """Wait until an attribute has a value. Returns the seconds; fails after a timeout."""

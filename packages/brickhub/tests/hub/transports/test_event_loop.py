@@ -12,7 +12,7 @@ from concurrent.futures import Future
 import pytest
 
 from brickhub.errors import HubError, HubTimeoutError
-from brickhub.hub.transports.pybricks_hub import EventLoopThread
+from brickhub.hub.transports.event_loop import EventLoopThread
 
 
 async def value() -> int:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from brickhub.robot import Robot
 from bricktwin.site.houses import houses
-from bricktwin.site.names import device_table, pybricks_names
+from bricktwin.site.names import bluetooth_names, device_table, pybricks_names
 from bricktwin.site.packages import SiteError
 from bricktwin.site.robots import OWN, write_robots
 from bricktwin.site.runtimes import put_runtimes
@@ -62,6 +62,7 @@ def build_site(
         write_json(fresh / "programs.json", programs(policies))
         write_json(fresh / "pybricks.json", pybricks_names())
         write_json(fresh / "devices.json", device_table())
+        write_json(fresh / "bluetooth.json", bluetooth_names())
         _finish(fresh)
         _replace(out, fresh)
     return sorted(path for path in out.rglob("*") if path.is_file())

@@ -3,6 +3,7 @@
 import inspect
 from typing import Any
 
+from brickhub.hub.transports import profile
 from brickhub.robot import HubKind, MotorKind, SensorKind
 from brickhub.virtual.bench_body import FittedBench
 from brickhub.virtual.machine import Machine
@@ -55,3 +56,13 @@ def device_table() -> dict[str, Any]:
         if model.alias:
             hubs.setdefault(model.alias, panel)
     return {"motors": motors, "sensors": sensors, "hubs": hubs}
+
+
+def bluetooth_names() -> dict[str, Any]:
+    """What a page has to name to a browser: the ``service`` by which hubs are found, ``others`` of
+    which something is read, and the characteristic that takes a ``command``."""
+    return {
+        "service": profile.SERVICE_UUID,
+        "others": [profile.DEVICE_INFORMATION_UUID],
+        "command": profile.COMMAND_EVENT_UUID,
+    }

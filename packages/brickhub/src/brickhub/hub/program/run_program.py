@@ -3,6 +3,7 @@ traceback."""
 
 import contextlib
 import hashlib
+import io
 import math
 import queue
 import re
@@ -238,6 +239,10 @@ def _pieces_of(stream: BinaryIO | TextIO | None) -> queue.SimpleQueue[bytes]:
                 for start in range(0, len(data), WRITE_BYTES):
                     pieces.put(data[start : start + WRITE_BYTES])
 
+    # What is in memory keeps nobody waiting; in a browser's tab there are no threads.
+    if isinstance(stream, io.BytesIO | io.StringIO):
+        put_all()
+        return pieces
     # Nothing can wake a thread that waits for a keyboard, so it is a daemon.
     threading.Thread(
         target=put_all,

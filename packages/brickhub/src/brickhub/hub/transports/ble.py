@@ -19,8 +19,9 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 from brickhub import errors
 from brickhub.hub.transports import profile
 from brickhub.hub.transports.connection import Port
+from brickhub.hub.transports.event_loop import EventLoopThread
 from brickhub.hub.transports.profile import PNP_ID_UUID, SERVICE_UUID, parse_hub_kind, refusal
-from brickhub.hub.transports.pybricks_hub import EventLoopThread, ProfileTransport
+from brickhub.hub.transports.pybricks_hub import ProfileTransport
 from brickhub.robot import HubKind
 
 if TYPE_CHECKING:

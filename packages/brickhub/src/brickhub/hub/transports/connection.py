@@ -72,6 +72,11 @@ class Output:
             self._reason = reason
             self._changed.notify_all()
 
+    @property
+    def is_readable(self) -> bool:
+        """Whether reading returns something, or raises, at once."""
+        return bool(self._data) or self._end is not None
+
     def contains(self, data: bytes) -> bool:
         """True if the unread output contains these bytes."""
         with self._changed:
@@ -329,6 +334,7 @@ class HubConnection:
         if not has_ended:
             raise HubTimeoutError("the program on the hub does not stop; press the hub's button")
         self.output.end(ProgramStoppedError, "the program on the hub was stopped; start it again")
+        self._changed.set()
         self._check_connected()
 
     async def wait_for_output(
@@ -339,6 +345,10 @@ class HubConnection:
         """True if the program writes these bytes in time; they remain in the buffer."""
         await self._wait_for(lambda: self.output.contains(data) or not self.is_running, timeout_s)
         return self.output.contains(data)
+
+    async def wait_until_readable(self, timeout_s: float) -> None:
+        """Wait until reading the output returns something, or raises, or the time is up."""
+        await self._wait_for(lambda: self.output.is_readable, timeout_s)
 
     async def _identify(self) -> HubIdentity:
         version = profile.parse_version(await self._port.read(profile.PROFILE_VERSION_UUID))
@@ -452,6 +462,7 @@ class HubConnection:
     def _end_output(self) -> None:
         self._end_timer = None
         self.output.end(ProgramStoppedError, "the program on the hub has ended; start it again")
+        self._changed.set()
 
     def _lose(self, reason: str) -> None:
         # The first reason is the cause, and later ones are its consequences.

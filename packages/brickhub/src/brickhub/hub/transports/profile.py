@@ -21,6 +21,8 @@ SERVICE_UUID = _UUID.format(1)
 """Service that every Pybricks hub advertises."""
 COMMAND_EVENT_UUID = _UUID.format(2)
 CAPABILITIES_UUID = _UUID.format(3)
+DEVICE_INFORMATION_UUID = _STANDARD_UUID.format(0x180A)
+"""Service of the characteristics whose values are of the hub itself."""
 DEVICE_NAME_UUID = _STANDARD_UUID.format(0x2A00)
 FIRMWARE_REVISION_UUID = _STANDARD_UUID.format(0x2A26)
 PROFILE_VERSION_UUID = _STANDARD_UUID.format(0x2A28)

@@ -7,12 +7,9 @@ started, because it might move the robot.
 
 import asyncio
 import atexit
-import concurrent.futures
-import contextlib
 import itertools
 import json
 import logging
-import threading
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Coroutine
@@ -21,95 +18,14 @@ from typing import Any, TypeVar
 
 from brickhub import errors
 from brickhub.files import user_cache, write_durably
-from brickhub.futures import is_done, settle
 from brickhub.hub.program.compile import compile_program, program_blob
 from brickhub.hub.protocol import WRITE_BYTES, Up, control_frame, hello_payload
 from brickhub.hub.transport import HubProgram, Pipe, app_data_slot
 from brickhub.hub.transports.connection import HubConnection, HubIdentity, Port
+from brickhub.hub.transports.event_loop import EventLoopThread, LoopRunner
 from brickhub.hub.transports.profile import PybricksCommand, StatusReport
 
 _T = TypeVar("_T")
-_THREAD_END_S = 1.0
-"""Time in which cancelled coroutines have to end."""
-
-
-class EventLoopThread:
-    """Thread that runs coroutines for other threads, with a timeout on every call."""
-
-    def __init__(self, name: str) -> None:
-        # The thread is a daemon, so that a backend that hangs does not keep a program from ending.
-        made: concurrent.futures.Future[asyncio.AbstractEventLoop] = concurrent.futures.Future()
-        self._thread = threading.Thread(
-            target=self._serve,
-            args=(made,),
-            name=name,
-            daemon=True,
-        )
-        self._thread.start()
-        self._loop = made.result()
-
-    def run(
-        self,
-        coroutine: Coroutine[Any, Any, _T],
-        timeout_s: float,
-        operation: str,
-    ) -> _T:
-        """Run a coroutine and return its result; it is cancelled after ``timeout_s``.
-
-        Raises:
-            HubTimeoutError: it took longer; ``operation`` describes it in the message.
-            HubError: the loop is closed.
-        """
-        try:
-            future = asyncio.run_coroutine_threadsafe(coroutine, self._loop)
-        except RuntimeError:
-            # Python would warn about a coroutine that was never awaited.
-            coroutine.close()
-            raise errors.HubError(
-                f"could not {operation}: the link is closed; open it again"
-            ) from None
-        try:
-            if not is_done(future, timeout_s):
-                raise errors.HubTimeoutError(
-                    f"could not {operation} within {timeout_s:g} s; switch the hub off and on"
-                )
-            return future.result()
-        except concurrent.futures.CancelledError:
-            raise errors.HubError(
-                f"could not {operation}: the link was closed meanwhile; open it again"
-            ) from None
-        finally:
-            # The call is cancelled even if Ctrl-C interrupts the wait; on one that is done this has
-            # no effect.
-            future.cancel()
-
-    def close(self) -> None:
-        """Cancel all coroutines and end the thread; one that does not end is left behind as a
-        daemon."""
-        with contextlib.suppress(RuntimeError):
-            self._loop.call_soon_threadsafe(self._loop.stop)
-        self._thread.join(2 * _THREAD_END_S)
-
-    def _serve(self, made: concurrent.futures.Future[asyncio.AbstractEventLoop]) -> None:
-        # The loop is made in this thread, because on Windows one made in the main thread would take
-        # the signals of a command.
-        settle(made, asyncio.new_event_loop)
-        if made.exception() is not None:
-            return
-        loop = made.result()
-        asyncio.set_event_loop(loop)
-        try:
-            loop.run_forever()
-            # The loop was stopped: what still runs is cancelled and gets its time to disconnect.
-            tasks = asyncio.all_tasks(loop)
-            for task in tasks:
-                task.cancel()
-            if tasks:
-                loop.run_until_complete(asyncio.wait(tasks, timeout=_THREAD_END_S))
-            loop.run_until_complete(loop.shutdown_asyncgens())
-        finally:
-            loop.close()
-
 
 _log = logging.getLogger(__name__)
 
@@ -147,7 +63,7 @@ class ProfileTransport(ABC):
         self._timeout_s = timeout_s
         self._answer_timeout_s = answer_timeout_s
         self._record = record or user_cache() / "programs.json"
-        self._loop: EventLoopThread | None = None
+        self._loop: LoopRunner | None = None
         self._connection: HubConnection | None = None
         self._first_hub: HubIdentity | None = None
         """Hub of the first connection; after a loss, only this one is reconnected."""
@@ -157,6 +73,10 @@ class ProfileTransport(ABC):
     @abstractmethod
     async def _find(self, timeout_s: float) -> Port:
         """Find the hub; on a reconnection, the same one."""
+
+    def _new_loop(self) -> LoopRunner:
+        """Hook: what runs the coroutines of the connection."""
+        return EventLoopThread("bricksrl-hub")
 
     @property
     def identity(self) -> HubIdentity | None:
@@ -178,7 +98,7 @@ class ProfileTransport(ABC):
             HubError: the hub cannot be connected.
         """
         if self._loop is None:
-            self._loop = EventLoopThread("bricksrl-hub")
+            self._loop = self._new_loop()
             # A program that ends without closing must not leave motors running.
             atexit.register(self.close)
         self._run(self._connected(), self._timeout_s, "connect to the hub")

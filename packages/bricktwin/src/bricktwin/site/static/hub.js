@@ -4,10 +4,11 @@ import { Mailbox } from "./mailbox.js";
 
 const PATIENCE_MS = 70, LAST_MS = 160, STOPPED_CODE = 130;
 const SIGINT = 2;
+const REAL_LAST_MS = 15_000; // a real hub is far away: what is asked of it takes time
 const UNSTOPPABLE_S = 300; // without a way in, a run is computed at once, and has to end by itself
 
 export class Hub {
-  // `on`: functions ready(), happened(events, frames), ended(code), failed(text).
+  // `on`: functions ready(), happened(events, frames), ended(code), failed(text), ask(what Python wants of Bluetooth).
   constructor(on) {
     this.on = on;
     this.hasWayIn = Mailbox.isPossible();
@@ -27,14 +28,15 @@ export class Hub {
 
   makeWorker() {
     const worker = new Worker("./worker.js", { type: "module" });
-    const entry = { worker, isReady: false, isRunning: false, mailbox: null, interrupt: null };
+    const entry = { worker, isReady: false, isRunning: false, mailbox: null, hubMailbox: null, interrupt: null };
     if (this.hasWayIn) {
       entry.mailbox = Mailbox.create();
+      entry.hubMailbox = Mailbox.create();
       entry.interrupt = new Uint8Array(new SharedArrayBuffer(1));
     }
     worker.onmessage = ({ data }) => this.hear(entry, data);
     worker.onerror = (event) => this.hear(entry, { kind: "failed", text: event.message || "the worker has not started" });
-    worker.postMessage({ kind: "start", memory: entry.mailbox?.memory, interrupt: entry.interrupt });
+    worker.postMessage({ kind: "start", memory: entry.mailbox?.memory, hubMemory: entry.hubMailbox?.memory, interrupt: entry.interrupt });
     return entry;
   }
 
@@ -46,13 +48,15 @@ export class Hub {
       this.on.ready();
     } else if (message.kind === "happened") {
       this.on.happened(message.events ? JSON.parse(message.events) : [], message.frames);
-    } else if (message.kind === "ended") this.end(message.code);
+    } else if (message.kind === "ask") this.on.ask(message);
+    else if (message.kind === "ended") this.end(message.code);
     else if (message.kind === "failed") this.fail(message.text);
   }
 
   run(request) {
     const entry = this.worker;
     entry.isRunning = true;
+    entry.isOnHub = Boolean(request.hub);
     entry.mailbox?.empty();
     if (!this.hasWayIn) {
       request = { ...request, time_limit_s: UNSTOPPABLE_S };
@@ -70,13 +74,27 @@ export class Hub {
     if (this.worker.isRunning) this.worker.mailbox?.send(message);
   }
 
+  // What happens at the real hub. False if Python does not hear it now: there is no room, or another run goes on.
+  tell(message) {
+    const entry = this.worker;
+    if (!entry.isReady || (entry.isRunning && !entry.isOnHub)) return false;
+    if (!entry.hubMailbox.send(message)) return false;
+    if (!entry.isRunning) entry.worker.postMessage({ kind: "attend" });
+    return true;
+  }
+
   // First the hub's own way, then Python's, then the worker's end.
   stop() {
     const entry = this.worker;
     if (!entry.isRunning) return;
     if (!this.hasWayIn) return this.giveUp(entry);
-    entry.mailbox.send({ kind: "stop" });
     const isStill = () => entry === this.worker && entry.isRunning;
+    if (entry.isOnHub) {
+      entry.hubMailbox.send({ kind: "stop" });
+      setTimeout(() => isStill() && this.giveUp(entry), REAL_LAST_MS);
+      return;
+    }
+    entry.mailbox.send({ kind: "stop" });
     setTimeout(() => isStill() && (entry.interrupt[0] = SIGINT), PATIENCE_MS);
     setTimeout(() => isStill() && this.giveUp(entry), LAST_MS);
   }

@@ -7,6 +7,7 @@ import { isolate, keepForOffline } from "./isolation.js";
 import { FAST, Player } from "./player.js";
 import { errorsOf, Printed } from "./printed.js";
 import { linkOf, Programs, programOf, saveFile } from "./programs.js";
+import { RealHub } from "./real_hub.js";
 import { Stage } from "./stage.js";
 import { Teach } from "./teach.js";
 
@@ -20,6 +21,7 @@ async function begin() {
   let wanted = null; // a run that waits for Python
   let errors = ""; // what the hub says about an error, as far as it has come
   let teach = null; // once the page is there
+  let real = null;
 
   const hub = new Hub({
     ready() {
@@ -28,8 +30,19 @@ async function begin() {
       teach?.begin();
       keepForOffline();
     },
-    happened: (events, frames) => (teach.isLearning ? teach : player).add(events, frames),
+    ask: (operation) => real.ask(operation),
+    happened(events, frames) {
+      // Between two runs, only the real hub is heard.
+      if (real?.doing || !state.isBusy) real?.add(events);
+      else (teach.isLearning ? teach : player).add(events, frames);
+    },
     ended(code) {
+      const done = real?.end(code);
+      if (done && done !== "teach") {
+        state.code = code;
+        finish();
+        return;
+      }
       if (teach.isLearning) {
         teach.end(code);
         state.set(code === 130 ? "stopped" : "finished");
@@ -42,6 +55,7 @@ async function begin() {
       if (teach?.isLearning) teach.end(1);
       player.abandon();
       state.set("failed");
+      real?.restart();
       note(wasReady
         ? `The program was too much for this browser (${text}). Python starts again; nothing is lost.`
         : `Python could not start here (${text}). Load the page again, or try another browser: Chrome, Edge, Firefox 114 or Safari 16.4, or newer.`);
@@ -72,16 +86,19 @@ async function begin() {
     panel: (panel) => board.show(panel),
     time: showTime,
     caughtUp: () => (teach.isOpen && !state.isRunning ? teach.again() : finish()),
-    event(event) {
-      if (event.kind === "out") printed.out(event.text);
-      else if (event.kind === "devices") bench.tell(event.devices);
-      else if (event.kind === "file") offerFile(event);
-      else if (event.kind === "err" || event.kind === "note") {
-        printed.append(event.text, event.kind);
-        if (event.kind === "err") errors += event.text;
-      }
-    },
+    event: show,
   });
+
+  function show(event) {
+    if (event.kind === "out") printed.out(event.text);
+    else if (event.kind === "devices") bench.tell(event.devices);
+    else if (event.kind === "file") offerFile(event);
+    else if (event.kind === "err" || event.kind === "note") {
+      printed.append(event.text, event.kind);
+      if (event.kind === "err") errors += event.text;
+    }
+  }
+
   const editor = new Editor(byId("editor"), { names, onChange: edited, onRun: () => run() });
 
   function edited(source) {
@@ -102,6 +119,18 @@ async function begin() {
     byId("more").open = false;
   }
 
+  function clearOutput() {
+    errors = "";
+    note("");
+    say("");
+    editor.show([]);
+    printed.clear();
+    byId("files").replaceChildren();
+    byId("save-output").hidden = true;
+  }
+
+  const toRun = () => ({ files: programs.files, name: programs.current, stdin: byId("stdin").value });
+
   function run() {
     if (state.isBusy) return;
     note("");
@@ -111,24 +140,28 @@ async function begin() {
       return;
     }
     wanted = null;
-    errors = "";
-    say("");
-    editor.show([]);
-    printed.clear();
-    byId("files").replaceChildren();
-    byId("save-output").hidden = true;
+    clearOutput();
     board.sound.allow();
     player.clear(ROW + stage.width);
     state.set("running");
-    hub.run({ robot: stage.file, files: programs.files, name: programs.current, readings: bench.settings, stdin: byId("stdin").value });
+    hub.run({ robot: stage.file, readings: bench.settings, ...toRun() });
     player.begin();
     setPaused(false);
   }
 
   // The robot tries by itself; false while another run goes on.
-  function startTeaching(request) {
+  function startTeaching({ isReal, ...request }) {
+    if (isReal) return real.begin("teach", request);
     if (state.isBusy || !hub.isReady) return false;
     state.set("learning");
+    hub.run({ robot: stage.file, ...request });
+    return true;
+  }
+
+  // Something on the real hub; false while another run goes on.
+  function startOnHub(request) {
+    if (state.isBusy || !hub.isReady) return false;
+    state.set(request.hub === "teach" ? "learning" : request.hub === "run" ? "on the hub" : "connecting");
     hub.run({ robot: stage.file, ...request });
     return true;
   }
@@ -158,6 +191,7 @@ async function begin() {
 
   function stop() {
     wanted = null;
+    if (real?.doing) return void real.stop();
     if (player.isRunning) {
       state.isStopping = true;
       hub.stop();
@@ -274,11 +308,26 @@ async function begin() {
     byId("stop").disabled = !state.isBusy && !wanted;
   };
 
+  real = new RealHub(byId("real"), {
+    button: byId("connect"), names: await json("bluetooth.json"), hub,
+    on: {
+      note,
+      start: startOnHub,
+      run() {
+        if (state.isBusy || !hub.isReady) return;
+        clearOutput();
+        real.begin("run", toRun());
+      },
+      event: (event) => (teach.isLearning ? teach.add([event], new Float32Array()) : show(event)),
+      changed: () => teach?.meet(real?.isConnected),
+    },
+  });
   teach = new Teach(byId("teach"), {
     button: byId("teach-it"),
     on: {
       start: startTeaching,
-      stop: () => hub.stop(),
+      stop: () => (real.doing ? real.stop() : hub.stop()),
+      goOn: () => real.goOn(),
       show: showFrames,
       opened(isOpen) {
         document.body.classList.toggle("teaching", isOpen);
@@ -329,7 +378,7 @@ class State {
   }
 
   get isBusy() {
-    return this.isRunning || this.name === "learning";
+    return this.isRunning || ["learning", "on the hub", "connecting"].includes(this.name);
   }
 
   get isRunning() {

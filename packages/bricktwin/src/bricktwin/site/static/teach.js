@@ -10,8 +10,13 @@ const AIMS = {
   stop: "Each try takes four seconds. The robot should soon be 150 mm before the wall, and stay there: each moment there has 100 points.",
 };
 
+const ON_HUB = {
+  walk: "The real robot walks up to a wall, which it measures by its ultrasonic sensor: put it 1.3 m before one. Now and then you put it back.",
+  stop: "The real robot measures the wall by its ultrasonic sensor: put it 60 cm before one. It drives back by itself.",
+};
+
 export class Teach {
-  // `on`: functions start(request), stop(), show(frames), opened(isOpen), take(name, source).
+  // `on`: functions start(request), stop(), goOn(), show(frames), opened(isOpen), take(name, source).
   constructor(element, { button, on }) {
     this.element = element;
     this.button = button;
@@ -29,6 +34,11 @@ export class Teach {
     this.find("try").onclick = () => this.ask({ numbers: this.inputs.map((input) => Number(input.value)), trials: 1 });
     this.find("best").onclick = () => this.setSliders(this.best.numbers);
     this.find("export").onclick = () => this.export();
+    this.find("target").onchange = () => this.change();
+    this.find("go").onclick = () => {
+      this.find("place").hidden = true;
+      this.on.goOn();
+    };
     this.seed = 1;
     this.offer(null);
   }
@@ -53,6 +63,31 @@ export class Teach {
     this.forget();
   }
 
+  get isReal() {
+    return this.find("target").value === "hub";
+  }
+
+  // A real hub has been connected, or is not there any more; while it learns, the page connects again.
+  meet(isThere) {
+    if (this.isLearning) return;
+    const where = this.find("where");
+    if (where.hidden === !isThere) return;
+    where.hidden = !isThere;
+    this.find("target").value = isThere ? "hub" : "";
+    this.change();
+  }
+
+  // On the real robot the search goes on with what the virtual one has learned, and the other way round.
+  change() {
+    if (!this.lesson) return;
+    const state = this.state;
+    this.forget();
+    this.state = state;
+    this.isElsewhere = Boolean(state);
+    this.find("aim").textContent = (this.isReal ? ON_HUB : AIMS)[this.lesson.goal];
+    this.say(state ? "It goes on with what it knows." : "It has not tried anything yet.");
+  }
+
   get isOpen() {
     return !this.element.hidden;
   }
@@ -60,8 +95,9 @@ export class Teach {
   open() {
     this.element.hidden = false;
     this.on.opened(true);
-    if (!this.trials.length) this.ask({ numbers: null, trials: TRIALS });
-    else this.again();
+    if (this.trials.length) this.again();
+    else if (!this.isReal) this.ask({ numbers: null, trials: TRIALS }); // a real robot does not move unasked
+    this.draw();
   }
 
   close() {
@@ -77,7 +113,7 @@ export class Teach {
     this.trials = [];
     this.frames = [];
     this.state = this.best = this.shown = null;
-    this.isByHand = false;
+    this.isByHand = this.isElsewhere = false;
     this.seed += this.isOpen ? 1 : 0;
     this.setSliders(this.lesson.numbers.map(({ low, high }) => (low + high) / 2));
     this.say("It has not tried anything yet.");
@@ -86,7 +122,8 @@ export class Teach {
 
   ask(request) {
     if (this.isLearning) return;
-    this.wanted = { goal: this.lesson.goal, seed: this.seed, state: this.state, ...request };
+    this.wanted = { goal: this.lesson.goal, seed: this.seed, state: this.state, elsewhere: this.isElsewhere, isReal: this.isReal, ...request };
+    this.isElsewhere = false;
     this.say(request.numbers ? "It tries your numbers …" : "It begins to try …");
     this.begin();
     this.draw();
@@ -114,7 +151,8 @@ export class Teach {
     if (this.isStale) return;
     if (frames.length) this.frames.push(frames);
     for (const event of events) {
-      if (event.kind === "err") this.say(event.text);
+      if (event.kind === "err" || event.kind === "lost") this.say(event.text);
+      if (event.kind === "place") this.askForPlace(event);
       if (event.kind !== "trial") continue;
       this.take({ ...event, frames: this.frames, isMine: this.isMine });
       this.frames = [];
@@ -136,6 +174,13 @@ export class Teach {
     this.draw();
   }
 
+  // The robot is where no try can begin.
+  askForPlace({ distance_mm, wanted_mm }) {
+    const isBlind = distance_mm >= 1990, sees = isBlind ? "It sees no wall." : `It is ${(distance_mm / 1000).toFixed(2)} m before the wall.`;
+    this.find("distance").textContent = `${sees} Put it ${(wanted_mm / 1000).toFixed(1)} m before one, facing it.`;
+    this.find("place").hidden = false;
+  }
+
   outcome({ score, fell }) {
     if (score === null) return "it was lost, and does not count";
     return fell ? "it fell over" : this.measure(score);
@@ -154,14 +199,15 @@ export class Teach {
   // The run has ended: all tries were made, or it was stopped.
   end(code) {
     this.isLearning = false;
+    this.find("place").hidden = true;
     if (this.isStale) return;
     if (code === 130) this.say("Stopped. What it has learned stays.");
-    else if (!this.isMine && this.best) this.say(`It has learned: ${this.measure(this.best.score)}. Can you beat it?`);
+    else if (!code && !this.isMine && this.best) this.say(`It has learned: ${this.measure(this.best.score)}. Can you beat it?`);
     this.draw();
   }
 
   show(trial) {
-    if (!trial?.frames) return;
+    if (!trial?.frames?.length) return; // nobody films the real robot
     this.shown = trial;
     this.find("shown").textContent = trial.isMine ? `On the stage: yours, ${this.outcome(trial)}` : `On the stage: try ${this.trials.indexOf(trial) + 1}, ${this.outcome(trial)}`;
     this.on.show(trial.frames);

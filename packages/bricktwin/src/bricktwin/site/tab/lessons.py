@@ -69,6 +69,7 @@ class Lesson:
         structure: what acts by the numbers.
         labels: of the numbers ``[p]``, for a person.
         steps: of a trial.
+        settle_steps: first ones, which do not count.
         score: how good a trial was; NaN if nobody knows.
         unit: of the score.
     """
@@ -80,6 +81,7 @@ class Lesson:
     steps: int
     score: Callable[[Record], float]
     unit: str
+    settle_steps: int = 0
 
     @property
     def step_ms(self) -> int:
@@ -111,6 +113,7 @@ def walk(robot: Robot) -> Lesson:
         steps=_STRIDE_STEPS,
         score=walking_speed,
         unit="mm/s",
+        settle_steps=_SETTLE_STEPS,
     )
 
 

@@ -74,6 +74,10 @@ class Recorder:
         self._frames.extend(row)
         self._page.frame()
         self._tell_devices(machine)
+        self.post_in_time()
+
+    def post_in_time(self) -> None:
+        """Send what has gathered to the page, if it is time for it."""
         if time.monotonic() - self._posted_s >= _POST_S:
             self.post()
 

@@ -24,7 +24,7 @@ REFUSED_EXIT_CODE = 2
 STOPPED_EXIT_CODE = 130
 
 
-class _Output:
+class ProgramOutput:
     """A stream of the program, of which the page is told as it comes."""
 
     def __init__(self, recorder: Recorder, kind: str) -> None:
@@ -85,9 +85,9 @@ def run_in_tab(
     """
     request = json.loads(request_text)
     recorder = Recorder(page)
-    errors = cast("TextIO", _Output(recorder, "err"))
-    output = cast("BinaryIO", _Output(recorder, "out"))
-    _write_programs(request["files"])
+    errors = cast("TextIO", ProgramOutput(recorder, "err"))
+    output = cast("BinaryIO", ProgramOutput(recorder, "out"))
+    write_programs(request["files"])
 
     def attend(machine: Machine) -> None:
         machine.panel.is_watched = True
@@ -118,12 +118,12 @@ def run_in_tab(
         code = STOPPED_EXIT_CODE
     finally:
         recorder.frame()
-        _tell_written(request["files"], recorder)
+        tell_written(request["files"], recorder)
         recorder.post()
     return code
 
 
-def _write_programs(files: Mapping[str, str]) -> None:
+def write_programs(files: Mapping[str, str]) -> None:
     """Put the page's programs, and nothing else, into their folder."""
     with suppress(FileNotFoundError):
         shutil.rmtree(FOLDER)
@@ -134,7 +134,7 @@ def _write_programs(files: Mapping[str, str]) -> None:
         file.write_text(source, encoding="utf-8")
 
 
-def _tell_written(files: Mapping[str, str], recorder: Recorder) -> None:
+def tell_written(files: Mapping[str, str], recorder: Recorder) -> None:
     """Hand over files that the program has written."""
     for path in sorted(FOLDER.rglob("*")):
         name = path.relative_to(FOLDER).as_posix()

@@ -63,6 +63,12 @@ export class Mailbox {
     return `[${messages.join(",")}]`;
   }
 
+  // The worker: waits until something has come, at most so long.
+  wait(longest_ms) {
+    const seen = Atomics.load(this.numbers, SIGNAL);
+    if (Atomics.load(this.numbers, HEAD) === this.numbers[TAIL]) Atomics.wait(this.numbers, SIGNAL, seen, longest_ms);
+  }
+
   // The worker: whether the page's clock has reached a time; waits a little until it has, or something comes.
   mayGoOn(ms, patience_ms) {
     const seen = Atomics.load(this.numbers, SIGNAL);

@@ -11,6 +11,7 @@ const HOUSES = "/houses", PATIENCE_MS = 50, ROW = 8;
 const say = (kind, values = {}, transfer = []) => postMessage({ kind, ...values }, transfer);
 let python = null, runInTab = null, bodyInTab = null, readJson = null, mailbox = null;
 let mujoco = null, physics = null; // once a robot is chosen
+let hubMailbox = null, realHub = null; // once a hub is connected
 let poses = []; // of the frames since the last post
 
 // What Python calls; see tab/page.py.
@@ -26,8 +27,16 @@ const page = {
   may_go_on: (ms) => !mailbox || mailbox.mayGoOn(ms, PATIENCE_MS),
 };
 
-async function start({ memory, interrupt }) {
+// Bluetooth is the page's: what Python asks of it, see tab/web_port.py.
+const hubPage = {
+  ask: (number, operation, characteristic, data) => say("ask", { number, operation, characteristic, data }),
+  take: () => hubMailbox.take(),
+  wait: (longest_ms) => hubMailbox.wait(longest_ms),
+};
+
+async function start({ memory, hubMemory, interrupt }) {
   if (memory) mailbox = new Mailbox(memory);
+  if (hubMemory) hubMailbox = new Mailbox(hubMemory);
   // Pyodide asks for its parts by name; those that are stored compressed are unpacked here.
   const plainFetch = globalThis.fetch.bind(globalThis);
   globalThis.fetch = (resource, options) => {
@@ -98,6 +107,12 @@ async function run({ robot, ...request }) {
   say("ended", { code });
 }
 
+async function obeyHub({ robot, ...request }) {
+  const file = request.hub === "teach" ? (await (await fetchPacked(new URL(robot, import.meta.url).href)).json()).robot : null;
+  realHub ??= python.pyimport("bricktwin.site.tab.real_hub").RealHub(hubPage, page);
+  say("ended", { code: realHub.obey(JSON.stringify(request), file && readJson(JSON.stringify(file))) });
+}
+
 async function loadMujoco() {
   const { default: load } = await import("./mujoco.js");
   return load({ locateFile: (name) => new URL(name, import.meta.url).href });
@@ -106,7 +121,8 @@ async function loadMujoco() {
 onmessage = async ({ data }) => {
   try {
     if (data.kind === "start") await start(data);
-    if (data.kind === "run") await run(data.request);
+    if (data.kind === "run") await (data.request.hub ? obeyHub(data.request) : run(data.request));
+    if (data.kind === "attend") realHub?.attend();
   } catch (error) {
     // Python itself has given up, or a file is missing: this worker is of no use any more.
     say("failed", { text: String(error?.message ?? error), stack: String(error?.stack ?? "") });

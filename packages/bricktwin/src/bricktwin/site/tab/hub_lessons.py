@@ -1,0 +1,141 @@
+"""Lessons on a real robot, which has to measure by itself how good a trial was, and has to be where
+a trial can begin."""
+
+import itertools
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+from brickhub.errors import DescriptionError
+from brickhub.hub.interface import Distance, Heading, Interface
+from brickhub.robot import Robot, UltrasonicSensor
+from brickhub.search.feedback import feature_of
+from bricktwin.site.tab.lessons import Lesson, Record, stop_before_wall, walk
+
+_NO_ECHO_MM = 1990.0
+"""Distance from which on the sensor has seen nothing."""
+_WALK_NEAREST_MM = 350.0
+"""A trial of legs takes less than 250 mm; the sensor sees nothing nearer than 40 mm."""
+_WALK_FARTHEST_MM = 1700.0
+_WALK_WANTED_MM = 1300.0
+_TURNED_DEG = 35.0
+"""Turn of a robot after which it no longer looks at the wall."""
+_STOP_WANTED_MM = 600.0
+_STOP_TOLERANCE_MM = 90.0
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where a trial may begin.
+
+    Attributes:
+        nearest_mm, farthest_mm: distances to the wall.
+        wanted_mm: where a person puts it, or it drives itself.
+        distance: index of the channel.
+        heading: index of the heading, if it matters.
+        way_back: numbers ``[p]`` by which the robot drives there by itself; none for one that
+            cannot.
+    """
+
+    nearest_mm: float
+    farthest_mm: float
+    wanted_mm: float
+    distance: int
+    heading: int | None = None
+    way_back: tuple[float, ...] | None = None
+
+    def is_there(self, observed: tuple[float, ...], first_heading_deg: float | None) -> bool:
+        """Whether a robot that observes this may begin. ``first_heading_deg``: its heading when it
+        was put here last."""
+        is_turned = False
+        if self.heading is not None and first_heading_deg is not None:
+            turned_deg = observed[self.heading] - first_heading_deg
+            is_turned = abs((turned_deg + 180.0) % 360.0 - 180.0) > _TURNED_DEG
+        return self.nearest_mm <= observed[self.distance] <= self.farthest_mm and not is_turned
+
+
+@dataclass(frozen=True)
+class HubLesson:
+    """A lesson, whose score needs no more than what the robot observes, and the place of its
+    trials."""
+
+    lesson: Lesson
+    place: Place
+
+
+def walk_to_wall(robot: Robot) -> HubLesson:
+    """Walk towards a wall, which measures the way. Raises DescriptionError without legs or an
+    ultrasonic sensor."""
+    lesson = walk(robot)
+    channels = [*lesson.interface.channels, Distance(_eyes(robot, "how far it walks"))]
+    distance = len(channels) - 1
+    heading = None
+    if robot.needs_imu:
+        heading = len(channels)
+        channels.append(Heading())
+    interface = Interface(lesson.interface.commands, tuple(channels), lesson.interface.settle)
+
+    def speed(record: Record) -> float:
+        return approach_speed([observed[distance] for observed in record.observed], lesson)
+
+    return HubLesson(
+        # The structure reads the legs' angles, which are the first channels of both.
+        replace(lesson, interface=interface, score=speed),
+        Place(
+            _WALK_NEAREST_MM,
+            _WALK_FARTHEST_MM,
+            _WALK_WANTED_MM,
+            distance,
+            heading,
+        ),
+    )
+
+
+def approach_speed(distances_mm: Sequence[float], lesson: Lesson) -> float:
+    """Speed towards the wall, mm/s, once the robot has settled; 0 if it has lost the wall from its
+    sight. It is the median of the slopes between any two readings (Sen, 1968), as an ultrasonic
+    sensor now and then reads something else."""
+    seen = []
+    for step, distance_mm in enumerate(distances_mm):
+        if step >= lesson.settle_steps and distance_mm < _NO_ECHO_MM:
+            seen.append((step, distance_mm))
+    if 2 * len(seen) < len(distances_mm) - lesson.settle_steps:
+        return 0.0
+    slopes_mm = []
+    for (step, distance_mm), (later, later_mm) in itertools.combinations(seen, 2):
+        slopes_mm.append((distance_mm - later_mm) / (later - step))
+    slopes_mm.sort()
+    # Of an even number, the lower one of those in the middle.
+    median_mm = slopes_mm[(len(slopes_mm) - 1) // 2] if slopes_mm else 0.0
+    return median_mm * 1000 / lesson.step_ms
+
+
+def stop_at_wall(robot: Robot) -> HubLesson:
+    """Drive up to a wall and stop before it. Raises DescriptionError without a drive base and an
+    ultrasonic sensor."""
+    lesson = stop_before_wall(robot)
+    # The same policy that stops before a wall drives back from it: faster the farther it is, and
+    # none at the place that is wanted.
+    feature = feature_of(lesson.interface.channels[0].entry, 0)
+    wanted = feature.factor * _STOP_WANTED_MM + feature.offset
+    place = Place(
+        _STOP_WANTED_MM - _STOP_TOLERANCE_MM,
+        _STOP_WANTED_MM + _STOP_TOLERANCE_MM,
+        _STOP_WANTED_MM,
+        distance=0,
+        way_back=(1.0, -wanted),
+    )
+    return HubLesson(lesson, place)
+
+
+def _eyes(robot: Robot, purpose: str) -> str:
+    """Name of a robot's ultrasonic sensor."""
+    for sensor in robot.sensors:
+        if isinstance(sensor, UltrasonicSensor):
+            return sensor.name
+    raise DescriptionError(
+        f"robot '{robot.name}' cannot measure {purpose}; give it an ultrasonic sensor"
+    )
+
+
+HUB_LESSONS: dict[str, Callable[[Robot], HubLesson]] = {"walk": walk_to_wall, "stop": stop_at_wall}
+"""Functions that make the lesson of a goal for a real robot."""
