@@ -24,6 +24,7 @@ _SHADES = ".-+#"
 _DIRECTIONS = ("up", "down", "left", "right")
 _WIRELESS_BUTTONS = {
     "remote": REMOTE_BUTTONS,
+    "infrared": ("left_up", "left_down", "right_up", "right_down", "beacon"),
     "xbox": (
         "a",
         "b",
@@ -60,7 +61,8 @@ class Press:
 
     Attributes:
         button: ``left``, ``right``, ``center`` and so on; ``remote.left_plus`` and so on for a
-            remote control, ``xbox.a``, ``xbox.joystick_left_up`` and so on for an Xbox controller.
+            remote control, ``infrared.left_up`` and so on for that of an EV3, ``xbox.a``,
+            ``xbox.joystick_left_up`` and so on for an Xbox controller.
         start_s, duration_s: simulated seconds.
 
     Raises:
@@ -108,6 +110,9 @@ class Panel:
         light: color of the status light as (hue, saturation, value); ``None`` if off.
         display: brightness of the 25 pixels of the display in %, row by row from the top.
         text: the character or number that the display shows instead.
+        screen_pixels: width and height of the hub's screen; ``None`` without one.
+        screen: shades of the screen's pixels, row by row from the top, 0 (white) to 3; empty as
+            long as no program has drawn on it.
         quarter_turns: clockwise turns of what a program shows, on the way to the display; of a text
             they are not seen.
         sound_hz: frequency of the loudspeaker; 0 if silent.
@@ -131,6 +136,7 @@ class Panel:
     ) -> None:
         self.buttons = hub.model.buttons
         self.has_display = hub.model.has_display
+        self.screen_pixels = hub.model.screen_pixels
         self._hub = hub
         self._presses: list[tuple[int, int, str]] = []
         self._held: set[str] = set()
@@ -143,6 +149,7 @@ class Panel:
         self.sound_hz = 0
         self.display = [0] * 25
         self.text = ""
+        self.screen = b""
         self.quarter_turns = 0
         self.is_watched = False
         self.is_off = False
@@ -165,7 +172,7 @@ class Panel:
 
     def describe(self) -> str:
         """Light, display and sound in one line; the display as five rows of five, from ``.`` to
-        ``#``."""
+        ``#``, a screen by the number of its dark pixels."""
         light = "off"
         if self.light is not None:
             hue, saturation, value = self.light
@@ -176,11 +183,13 @@ class Panel:
             display = self.text
         elif any(self.display):
             display = self._picture()
-        parts = [
-            f"light {light}",
-            f"display {display}",
-            f"sound {self.sound_hz or 'off'}",
-        ]
+        parts = [f"light {light}"]
+        if self.screen_pixels is None:
+            parts.append(f"display {display}")
+        else:
+            dark = len(self.screen) - self.screen.count(0)
+            parts.append(f"screen {dark} dark pixels" if dark else "screen empty")
+        parts.append(f"sound {self.sound_hz or 'off'}")
         for port, brightness_pct in sorted(self.lamps.items()):
             parts.append(f"lamp {port} {brightness_pct} %")
         return "; ".join(parts)
@@ -306,7 +315,7 @@ class Panel:
         self.quarter_turns = 0
         self._animations.clear()
         self.change(light=None)
-        self.change(sound_hz=0, lamps={})
+        self.change(sound_hz=0, lamps={}, screen=b"")
         self.show([0] * 25)
 
     def show(
@@ -318,7 +327,7 @@ class Panel:
         self.change(display=pixels, text=text)
 
     def change(self, **outputs: Any) -> None:
-        """Change light, display, text or sound."""
+        """Change light, display, text, screen or sound."""
         # Watchers are told of real changes only, because a program may show the same all the time.
         if any(getattr(self, name) != value for name, value in outputs.items()):
             vars(self).update(outputs)

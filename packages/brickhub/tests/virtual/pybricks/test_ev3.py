@@ -49,7 +49,7 @@ print([name for name in dir(brick) if name[0] != "_"])
     assert on_brick(source).splitlines() == [
         "ev3 MINDSTORMS EV3 Brick with TI Sitara AM1808 True",
         "True True True True",
-        "['battery', 'buttons', 'light', 'speaker', 'system']",
+        "['battery', 'buttons', 'light', 'screen', 'speaker', 'system']",
     ]
 
 

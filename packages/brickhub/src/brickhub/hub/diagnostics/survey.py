@@ -64,11 +64,17 @@ def survey_program(robot: Robot) -> HubProgram:
     """Hub program of `survey`."""
     model = robot.hub.model
     ports = ", ".join(f'("{port}", Port.{port_name(port)})' for port in model.ports)
+    imports = [
+        "from pybricks import version",
+        "from pybricks.iodevices import PUPDevice",
+        *_imports(robot, *_ASKED[model.devices]),
+    ]
     return _program(
         f"Asks what is plugged into the robot '{robot.name}', and how the hub is. Moves nothing.",
-        ["from pybricks import version", "from pybricks.iodevices import PUPDevice", *_IMPORTS],
+        imports,
         [f"PORTS = ({ports})", _motors(robot.motors), f"HAS_IMU = {model.has_imu}"],
         robot,
+        f"ids_{model.devices}",
         "inventory",
     )
 
@@ -99,7 +105,7 @@ def stops_program(robot: Robot) -> HubProgram:
         f"LIMIT_MS = {STALL_LIMIT_MS}",
         f"LIMIT_DEG = {STALL_LIMIT_DEG}",
     ]
-    imports = [*_IMPORTS, "from pybricks.tools import StopWatch, wait"]
+    imports = [*_imports(robot), "from pybricks.tools import StopWatch, wait"]
     return _program(
         f"Turns the joints of the robot '{robot.name}' to their stops.",
         imports,
@@ -164,7 +170,7 @@ def wheels_program(robot: Robot) -> HubProgram:
         f"LIMIT_MS = {_WHEEL_LIMIT_MS}",
         f"SETTLE_MS = {_SETTLE_MS}",
     ]
-    imports = [*_IMPORTS, "from pybricks.tools import StopWatch, wait"]
+    imports = [*_imports(robot), "from pybricks.tools import StopWatch, wait"]
     return _program(
         f"Turns the wheels of the robot '{robot.name}'.",
         imports,
@@ -230,11 +236,18 @@ def run(
     return lines
 
 
-_IMPORTS = [
-    "from pybricks.parameters import Direction, Port",
-    "from pybricks.pupdevices import Motor",
-    "from usys import stdout",
-]
+_ASKED: dict[str, tuple[str, ...]] = {"pupdevices": (), "ev3devices": ("TouchSensor",)}
+"""Classes of devices, besides motors, by which the program asks what is on a port; by the hub's
+module of devices."""
+
+
+def _imports(robot: Robot, *classes: str) -> list[str]:
+    devices = ", ".join(("Motor", *classes))
+    return [
+        "from pybricks.parameters import Direction, Port",
+        f"from pybricks.{robot.hub.model.devices} import {devices}",
+        "from usys import stdout",
+    ]
 
 
 def _joints(robot: Robot) -> tuple[Motor, ...]:
@@ -247,7 +260,7 @@ def _motors(motors: tuple[Motor, ...]) -> str:
         # Pybricks calls it None if a motor has no gears.
         gears = list(motor.gears) or None
         direction = f"Direction.{motor.direction.name}"
-        lines.append(f'    ("{motor.name}", Port.{motor.port}, {direction}, {gears}),\n')
+        lines.append(f'    ("{motor.name}", Port.{port_name(motor.port)}, {direction}, {gears}),\n')
     return f"MOTORS = (\n{''.join(lines)})"
 
 
@@ -256,7 +269,7 @@ def _program(
     imports: list[str],
     constants: list[str],
     robot: Robot,
-    script: str,
+    *scripts: str,
 ) -> HubProgram:
     model = robot.hub.model
     hub_import = f"from pybricks.hubs import {model.class_name}"
@@ -268,7 +281,8 @@ def _program(
         ]
     head = [*comments, *sorted_imports([hub_import, *imports]), "", *constants, ""]
     # The empty line ends the line of the HELLO frame, whose bytes are no text.
-    body = [hub_line(robot), "print()", onboard_text(script).strip(), ""]
+    texts = [onboard_text(script).strip() for script in scripts]
+    body = [hub_line(robot), "print()", *texts, ""]
     # The hash is computed without the HELLO frame, which carries it.
     digest = hashlib.sha256("\n".join([*head, *body]).encode()).digest()
     program_hash = int.from_bytes(digest[:4], "little")

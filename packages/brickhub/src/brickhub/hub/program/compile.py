@@ -81,6 +81,8 @@ _PYBRICKS = (
     "geometry",
     "experimental",
 )
+_DEVICES = {"ev3devices": ("ev3devices", "nxtdevices")}
+"""Further modules of motors and sensors, by the one that a hub's devices are in."""
 HUB_MODULES = frozenset(
     (
         *U_PREFIXED,
@@ -103,6 +105,7 @@ def check_program(program: HubProgram, hub: AnyHub) -> int:
     # The compiler goes first, because what it refuses needs no further look.
     size = len(program_blob(compile_program(program), hub))
     modules = HUB_MODULES | {module.name for module in program.modules}
+    modules |= {f"pybricks.{name}" for name in _DEVICES.get(hub.model.devices, ())}
     sources = [(program.name, program.source)]
     sources += [(module.file, module.source) for module in program.modules]
     for file, source in sources:

@@ -18,6 +18,7 @@ from brickhub.virtual.pybricks.context import Context
 from brickhub.virtual.pybricks.ev3devices import ev3devices_modules
 from brickhub.virtual.pybricks.experimental import experimental_module
 from brickhub.virtual.pybricks.hubs import hubs_module
+from brickhub.virtual.pybricks.image import image_names
 from brickhub.virtual.pybricks.iodevices import iodevices_module
 from brickhub.virtual.pybricks.parameters import enumeration, parameters_module
 from brickhub.virtual.pybricks.pupdevices import pupdevices_modules
@@ -81,6 +82,10 @@ def _pybricks_modules(context: Context) -> dict[str, ModuleType]:
     if hub.model.has_float:
         parts += [iodevices_module(context), experimental_module(hub.model)]
     result = {f"pybricks.{part.__name__}": part for part in parts}
+    screen_pixels = hub.model.screen_pixels
+    if screen_pixels is not None:
+        names = image_names(context, screen_pixels)
+        vars(result["pybricks.parameters"]).update(names)
     for part in _DEVICE_MODULES[hub.model.devices](context):
         result[f"pybricks.{part.__name__}"] = part
     # On every hub a program finds its motors and sensors under this name.

@@ -32,6 +32,14 @@ _MESSAGES = {
         "The requested operation is not valid in the current state",
         "the documentation for required conditions",
     ),
+    error_numbers.EIO: (
+        "\n\nUnexpected hardware input/output error with a motor or sensor:\n"
+        "--> Try unplugging the sensor or motor and plug it back in again.\n"
+        "--> To see which sensor or motor is causing the problem,\n"
+        "    check the line in your script that matches\n"
+        "    the line number given in the 'Traceback' above.\n"
+        "--> Try rebooting the hub/brick if the problem persists.\n\n"
+    ),
     error_numbers.EAGAIN: "Try again later",
     error_numbers.EBUSY: "Device or resource busy",
     error_numbers.ETIMEDOUT: "Timed out",

@@ -1,4 +1,4 @@
-"""``pybricks.hubs``: the class of the robot's hub, and its parts besides the IMU and its panel."""
+"""``pybricks.hubs``: the class of the robot's hub, with its parts."""
 
 import inspect
 from collections.abc import Callable
@@ -6,121 +6,22 @@ from types import ModuleType
 from typing import Any
 
 from brickhub.robot import HubModel
-from brickhub.virtual.micropython.containers import HubDict
-from brickhub.virtual.micropython.exceptions import SwitchedOff
-from brickhub.virtual.micropython.numbers import expect_int, module
-from brickhub.virtual.micropython.streams import as_bytes
-from brickhub.virtual.pybricks.arguments import expect, expect_type
-from brickhub.virtual.pybricks.context import Context, Native, bind
+from brickhub.virtual.micropython.numbers import module
+from brickhub.virtual.pybricks.context import Context, bind
+from brickhub.virtual.pybricks.ev3brick import BrickBattery, BrickLight, BrickSpeaker
 from brickhub.virtual.pybricks.hub_panel import ColorLight, Keypad, LightMatrix, Speaker
+from brickhub.virtual.pybricks.hub_system import Battery, Charger, System
+from brickhub.virtual.pybricks.image import Screen
 from brickhub.virtual.pybricks.imu import IMU, Accelerometer
-from brickhub.virtual.pybricks.parameters import Axis, Button
+from brickhub.virtual.pybricks.parameters import Axis
 from brickhub.virtual.pybricks.wireless import Radio
 
-_IDLE_CURRENT_MA = 100
-_ROOM_TEMPERATURE_MDEG = 25_000
 _MOVED_MESSAGE = b"""Hub messaging has been moved. You should use:\r
 \r
 from pybricks.messaging import BLERadio\r
 radio = BLERadio(broadcast_channel, observe_channels)\r
 \r
 """
-
-
-class Battery(Native):
-    def voltage(self) -> int:
-        return self._machine.body.battery_mv
-
-    def current(self) -> int:
-        return _IDLE_CURRENT_MA
-
-    def type(self) -> str:
-        return "Li-ion" if self._machine.robot.hub.model.is_rechargeable else "Alkaline"
-
-    def temperature(self) -> int:
-        return _ROOM_TEMPERATURE_MDEG
-
-
-class Charger(Native):
-    """Charger, never connected."""
-
-    def connected(self) -> int:
-        return 0
-
-    status = current = connected
-
-
-class System(Native):
-    def __init__(self) -> None:
-        self._storage = bytearray(self._machine.robot.hub.model.storage_bytes)
-
-    def set_stop_button(self, button: Any) -> None:
-        """Set the buttons; ``Button`` itself is none. A hub with one button takes it for anything
-        that is true."""
-        panel = self._machine.panel
-        model = self._machine.robot.hub.model
-        if len(model.buttons) == 1:
-            panel.stop_buttons = frozenset({model.stop_button}) if button else frozenset()
-            return
-        # The argument may be one button, or a set of them.
-        try:
-            chosen = list(button) if button else []
-        except TypeError:
-            chosen = [button]
-        names = set()
-        for choice in chosen:
-            # Types are compared by name, because `parameters.Button` of a program is an object
-            # whose class has this name too.
-            if type(choice).__name__ != Button.__name__:
-                expect_type(button, Button)
-            # "Button.CENTER" has its name after the dot, where `Button` itself has nothing.
-            name = str(choice).partition(".")[2].lower()
-            if name:
-                names.add(name)
-        panel.stop_buttons = frozenset(names)
-
-    def name(self) -> str:
-        return "Pybricks Hub"
-
-    def reset_reason(self) -> int:
-        return 0
-
-    def info(self) -> dict[str, Any]:
-        values = {
-            "name": self.name(),
-            "reset_reason": 0,
-            "host_connected_ble": True,
-            "host_connected_usb": False,
-            "program_start_type": 3,
-            "program_id": 0,
-        }
-        return HubDict.sized(len(values), values.items())
-
-    def shutdown(self) -> None:
-        raise SwitchedOff
-
-    def storage(
-        self,
-        offset: Any,
-        read: Any = None,
-        write: Any = None,
-    ) -> bytes | None:
-        expect_int(offset, 0 if read is None else read)
-        start: int = offset
-        if (read is None) == (write is None):
-            raise TypeError("Must set either read (int) or write (bytes).")
-        data = b"" if write is None else as_bytes(write)
-        size = read if write is None else len(data)
-        end = start + size
-        expect(start >= 0 and size >= 0)
-        expect(end <= len(self._storage))
-        if write is None:
-            return bytes(self._storage[start:end])
-        self._storage[start:end] = data
-        return None
-
-    def reset_storage(self) -> None:
-        self._storage[:] = bytes(len(self._storage))
 
 
 class _Hub:
@@ -207,6 +108,14 @@ def _as_module(name: str, part: Any) -> ModuleType:
     return module(name, functions)
 
 
+_OWN_PARTS: dict[tuple[str, str], Any] = {
+    ("EV3Brick", "battery"): BrickBattery,
+    ("EV3Brick", "light"): BrickLight,
+    ("EV3Brick", "speaker"): BrickSpeaker,
+}
+"""Parts that are other on a class of hub than elsewhere."""
+
+
 def hubs_module(context: Context, model: HubModel) -> ModuleType:
     kinds: dict[str, Any] = {
         "battery": Battery,
@@ -226,7 +135,10 @@ def hubs_module(context: Context, model: HubModel) -> ModuleType:
         kinds["imu"] = Accelerometer
     parts = {}
     for name, kind in kinds.items():
-        parts[name] = bind(context, kind)()
+        own_kind = _OWN_PARTS.get((model.class_name, name), kind)
+        parts[name] = bind(context, own_kind)()
+    if model.screen_pixels is not None:
+        parts["screen"] = bind(context, Screen)(*model.screen_pixels)
     # In the firmware these two are modules and not objects.
     parts["battery"] = _as_module("battery", parts["battery"])
     parts["system"] = _as_module("", parts["system"])
@@ -238,7 +150,7 @@ def hubs_module(context: Context, model: HubModel) -> ModuleType:
         base = _MoveHub
     elif "imu" in parts:
         base = _OrientedHub
-    elif model.screen_pixels:
+    elif model.screen_pixels is not None:
         base = _Brick
     hub = type(model.class_name, (base,), {"_parts": parts, "_context": context})
     names = {model.class_name: hub, "ThisHub": hub}

@@ -21,9 +21,10 @@ from brickhub.virtual.pybricks.arguments import (
     get_text,
     os_error,
 )
-from brickhub.virtual.pybricks.context import Awaited, Context, Native, classes
+from brickhub.virtual.pybricks.context import Awaited, Context, Native, bind, classes
 from brickhub.virtual.pybricks.device_modes import MODES, reports_angle
 from brickhub.virtual.pybricks.plug import DeviceMode, DeviceModes
+from brickhub.virtual.pybricks.pupdevices import DCMotor
 from brickhub.virtual.pybricks.pupsensors import Device
 from brickhub.virtual.pybricks.wireless import LWP3Device, XboxController
 
@@ -35,11 +36,28 @@ _WARNING = (
 )
 
 
+_ANY_PLAIN_MOTOR = 93
+"""``LEGO_DEVICE_TYPE_ID_ANY_DC_MOTOR``."""
+_OPEN_MV = 4972
+_OPEN_OHM = 2**30 - 1
+"""What the firmware computes for an open end: the largest small integer."""
+
+
 class PUPDevice(Device):
     """Any device on a port, in its own modes (``pb_type_iodevices_pupdevice.c``, v4)."""
 
     def _is_plugged_in(self) -> bool:
+        model = self._machine.robot.hub.model
+        # A motor's port of a brick looks at nothing, and passes for one with a plain motor.
+        if model.sensor_ports and self._letter in model.motor_ports:
+            self._id = _ANY_PLAIN_MOTOR
+            self._device_modes = DeviceModes()
+            self._modes = ()
+            return True
         device = _device_id(self._machine, self._letter)
+        # Nor does it find a button there, which sends nothing.
+        if device == SensorKind.EV3_TOUCH.model.device_id:
+            return False
         self._id = device or 0
         self._device_modes = MODES.get(self._id, DeviceModes())
         self._modes = self._device_modes.modes
@@ -223,7 +241,73 @@ class UARTDevice(Native):
         return is_done
 
 
+class AnyMotor(DCMotor):
+    """A motor of which nobody asks what it is: a voltage on the port."""
+
+    _is_checked = False
+
+
+AnyMotor.__name__ = AnyMotor.__qualname__ = "DCMotor"
+
+
+class AnalogSensor(Native):
+    """A voltage on a port, of 0 to 4972 mV; nothing is plugged in, so it is the highest."""
+
+    def __init__(
+        self,
+        port: Any,
+        custom: Any = False,
+    ) -> None:
+        self._context.assert_blocking()
+        letter = self._context.port_letter(port)
+        if letter not in self._machine.robot.hub.model.sensor_ports:
+            raise os_error(error_numbers.EOPNOTSUPP)
+        # Only a port that is free for a circuit of one's own has a voltage without a sensor.
+        if not custom:
+            raise os_error(error_numbers.ENODEV)
+
+    def voltage(self) -> int:
+        return _OPEN_MV
+
+    def resistance(self) -> int:
+        return _OPEN_OHM
+
+    def active(self) -> None:
+        """Switch the sensor's lamp on."""
+
+    def passive(self) -> None:
+        """Switch the sensor's lamp off."""
+
+
+class I2CDevice(Native):
+    """An I2C bus on a port, on which nothing answers."""
+
+    def __init__(
+        self,
+        port: Any,
+        address: Any,
+        custom: Any = False,
+        power_pin: Any = 0,
+        nxt_quirk: Any = False,
+    ) -> None:
+        self._context.assert_blocking()
+        letter = self._context.port_letter(port)
+        get_exact_int(address)
+        if letter not in self._machine.robot.hub.model.sensor_ports:
+            raise os_error(error_numbers.EOPNOTSUPP)
+        if not custom:
+            raise os_error(error_numbers.ENODEV)
+
+    def read(self, *_: Any, **__: Any) -> Any:
+        raise os_error(error_numbers.EIO)
+
+    write = read
+
+
 def iodevices_module(context: Context) -> ModuleType:
-    return module(
-        "iodevices", classes(context, (PUPDevice, UARTDevice, LWP3Device, XboxController))
-    )
+    names = classes(context, (PUPDevice, UARTDevice, LWP3Device, XboxController))
+    if context.machine.robot.hub.model.sensor_ports:
+        names |= classes(context, (AnalogSensor, I2CDevice))
+        names["DCMotor"] = bind(context, AnyMotor)
+        names["LUMPDevice"] = names["PUPDevice"]
+    return module("iodevices", names)

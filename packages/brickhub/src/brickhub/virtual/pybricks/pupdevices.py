@@ -322,6 +322,9 @@ class _BaseMotor(Native):
 class DCMotor(_BaseMotor):
     """Motor without rotation sensor."""
 
+    _is_checked = True
+    """Whether the port must have such a motor."""
+
     def __init__(
         self,
         port: Any,
@@ -331,7 +334,8 @@ class DCMotor(_BaseMotor):
         # On a bench, a motor with an encoder may stand for what the program asks for.
         is_fitted = self._machine.plug_in(self._letter, "DCMotor")
         servo = self._machine.servos.get(self._letter)
-        if servo is None or (servo.kind.model.has_encoder and not is_fitted):
+        is_other = servo is not None and servo.kind.model.has_encoder and not is_fitted
+        if servo is None or (is_other and self._is_checked):
             raise os_error(error_numbers.ENODEV)
         self._servo = servo
         with firmware_errors():

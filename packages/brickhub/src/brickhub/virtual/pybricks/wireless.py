@@ -474,6 +474,19 @@ def _payload(data: Any) -> bytes:
     return as_bytes(data)
 
 
+def _scan(context: Context) -> Callable[..., Any]:
+    """``bluetooth_scan``, for devices of classic Bluetooth."""
+    machine = context.machine
+
+    def bluetooth_scan(timeout: Any = 10_000, num_results: Any = 5) -> Any:
+        get_exact_int(num_results)
+        end_ms = machine.time_ms + get_exact_int(timeout)
+        # No such device is ever near.
+        return context.finish(lambda: machine.time_ms >= end_ms, list)
+
+    return bluetooth_scan
+
+
 def messaging_module(context: Context) -> ModuleType:
     console = context.console
     machine = context.machine
@@ -537,7 +550,10 @@ def messaging_module(context: Context) -> ModuleType:
         def close(self) -> None:
             console.inbox = bytearray()
 
-    names: dict[str, Any] = {"AppData": AppData, "BLERadio": bind(context, BLERadio)}
+    names: dict[str, Any] = {"AppData": AppData}
+    if not machine.robot.hub.model.has_bluetooth:
+        return module("messaging", names, _scan(context))
+    names["BLERadio"] = bind(context, BLERadio)
     if machine.firmware.has_hub_network and machine.robot.hub.model.has_hub_network:
         names["HubNetwork"] = HubNetwork
     return module("messaging", names)

@@ -3,14 +3,6 @@
 # ruff: noqa: F821
 # --- the hub's part ---
 
-
-def device_id(port):
-    try:
-        return PUPDevice(port).info()["id"]
-    except OSError:
-        return 0
-
-
 found = {"ports": {name: device_id(port) for name, port in PORTS}, "angles_deg": {}}
 for name, port, direction, gears in MOTORS:
     try:

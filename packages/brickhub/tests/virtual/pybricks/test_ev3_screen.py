@@ -1,0 +1,157 @@
+"""Screen of an EV3 Brick: what a program draws, and what it may not."""
+
+from __future__ import annotations
+
+import random
+import zlib
+
+import pytest
+from hub_programs import Console
+
+from brickhub.robot import HubKind
+from brickhub.virtual.bench_body import FittedBench
+from brickhub.virtual.interpreter import execute
+from brickhub.virtual.machine import Machine
+from brickhub.virtual.pybricks import modules
+from brickhub.virtual.raster import TERMINUS, Raster
+
+HEAD = """
+from pybricks.hubs import EV3Brick
+from pybricks.parameters import Color, Font, Image, ImageFile
+ev3 = EV3Brick()
+screen = ev3.screen
+def error(call, *values, **named):
+    try:
+        return call(*values, **named)
+    except Exception as raised:
+        return "%s: %s" % (type(raised).__name__ if hasattr(type(raised), "__name__") else type(raised), raised)
+"""  # noqa: E501
+WIDTH, HEIGHT = 178, 128
+CHECKSUMS = (
+    (0, 1935565091),
+    (1, 403665286),
+    (2, 474734342),
+    (3, 2100602039),
+    (4, 2483036991),
+)
+
+
+def shown(source: str) -> tuple[list[bytes], str]:
+    """Rows of the screen after a program, and what it printed."""
+    machine = Machine(FittedBench(HubKind.EV3))
+    console = Console(machine, {})
+    execute(HEAD + source, "main.py", modules(machine, console), console)
+    pixels = machine.panel.screen
+    rows = [pixels[start : start + WIDTH] for start in range(0, len(pixels), WIDTH)]
+    return rows, console.written.decode().replace("\r\n", "\n")
+
+
+def drawn(seed: int) -> Raster:
+    """A random picture of lines, boxes and circles, many of them beyond the edges."""
+    rng = random.Random(seed)
+    image = Raster(WIDTH, HEIGHT)
+    for _ in range(30):
+        a, b, c, d = (rng.randint(-40, 180) for _ in range(4))
+        size, value = rng.randint(-1, 40), rng.randint(0, 3)
+        is_filled = rng.random() < 0.5
+        match rng.randrange(4):
+            case 0:
+                image.line(a, b, c, d, size // 6, value)
+            case 1:
+                image.rounded_box(a, b, c, d, size, value, is_filled=is_filled)
+            case 2:
+                image.circle(a, b, size, value, is_filled=is_filled)
+            case _:
+                image.part(a, b, c, d).circle(20, 5, size, value, is_filled=is_filled)
+    return image
+
+
+@pytest.mark.parametrize(("seed", "checksum"), CHECKSUMS)
+def test_pictures_are_those_of_the_firmware(seed: int, checksum: int) -> None:
+    """Checksums of the pictures that ``pbio/src/image/image.c`` (v4.1.0b2) draws."""
+    assert zlib.crc32(bytes(drawn(seed).pixels)) == checksum
+
+
+def test_a_program_takes_the_screen_over_when_it_draws() -> None:
+    rows, printed = shown("print(screen.width, screen.height)")
+    assert (rows, printed) == ([], "178 128\n")
+    rows, _ = shown("screen.draw_box(1, 2, 4, 4)")
+    assert [row[:6].hex() for row in rows[1:6]] == [
+        "000000000000",
+        "000303030300",
+        "000300000300",
+        "000303030300",
+        "000000000000",
+    ]
+
+
+def test_colors_are_four_shades() -> None:
+    source = """
+for x, color in enumerate((Color.BLACK, Color.GRAY, Color.RED, Color.WHITE, Color.YELLOW * 0.8, 2)):
+    screen.draw_pixel(x, 0, color)
+"""
+    rows, _ = shown(source)
+    assert list(rows[0][:6]) == [3, 2, 2, 0, 2, 2]
+
+
+def test_parts_and_copies() -> None:
+    source = """
+part = Image(screen, sub=True, x1=10, y1=20)
+part.draw_pixel(0, 0)
+copy = Image(screen)
+screen.clear()
+print(part.width, part.height, copy.width)
+screen.draw_image(-10, -20, copy)
+small = Image.empty(2, 2)
+small.draw_pixel(0, 0)
+screen.draw_image(0, 0, small, transparent=0)
+other = Image.empty(4, 4)
+other.load_image(small)
+screen.draw_image(100, 100, other)
+"""
+    rows, printed = shown(source)
+    assert printed == "168 108 178\n"
+    assert rows[0][0] == 3 and rows[101][101] == 3
+    assert sum(map(sum, rows)) == 6
+
+
+def test_text_wraps_and_scrolls() -> None:
+    rows, _ = shown("screen.print('x' * 23)\nscreen.print(1, [2, 'b'], None, sep='-')")
+    dark = [any(row) for row in rows]
+    assert dark[:16].count(True) and dark[16:32].count(True) and dark[32:48].count(True)
+    rows, _ = shown("for line in range(9):\n    screen.print(line)")
+    # The ninth line of 16 pixels needs the room of the first one.
+    eight, _ = shown("for line in range(1, 9):\n    screen.print(line)")
+    assert rows == eight
+
+
+def test_measures_of_fonts() -> None:
+    source = """
+print(Font.DEFAULT.text_width("abc"), Font.TERMINUS_16.height, Font.DEFAULT.family)
+print(Font.MONO_8X5_8.text_width("abc"), Font.MONO_8X5_8.text_height("a\\nb"), Font.MONO_8X5_8.width)
+"""  # noqa: E501
+    assert shown(source)[1] == "24 16 Terminus\n17 16 6\n"
+    assert TERMINUS.size("") == (0, 0)
+
+
+def test_what_pybricks_2_had_raises() -> None:
+    source = """
+print(error(screen.load_image, "x.png"))
+print(error(lambda: ImageFile.AWAKE), ImageFile("x"))
+print(error(Font, size=24))
+print(error(screen.draw_text, 0, 0, 5))
+print(error(lambda: screen.save))
+print(error(lambda: ev3.speaker.say))
+print(error(Image.empty, 0))
+print(error(Image.empty, 2000, 2000))
+"""
+    assert [line.partition(": ")[2] for line in shown(source)[1].splitlines()] == [
+        "can't convert str to Image",
+        "'ImageFile' object has no attribute 'AWAKE' None",
+        "can't create 'Font' instances",
+        "can't convert 'int' object to str implicitly",
+        "'Image' object has no attribute 'save'",
+        "'Speaker' object has no attribute 'say'",
+        "Image width or height is less than 1",
+        "",
+    ]
