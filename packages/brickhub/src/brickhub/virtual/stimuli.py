@@ -41,7 +41,7 @@ DEFAULT_STIMULI: Mapping[Sense, Sensed] = {
 
 _EXPECTED = {
     1: "a number",
-    2: "two numbers, such as (pitch, roll)",
+    2: "(pitch, roll)",
     3: "a brightness or (hue, saturation, value)",
 }
 """Descriptions, for messages, of a stimulus with this many values."""
@@ -81,7 +81,7 @@ def rotation(sensed: Sensed) -> tuple[float, float]:
     if it is neither."""
     if isinstance(sensed, int | float):
         return float(sensed), 0.0
-    angle_deg, rate_deg_s = _expect(sensed, 2)
+    angle_deg, rate_deg_s = _expect(sensed, 2, "(angle, rate)")
     return angle_deg, rate_deg_s
 
 
@@ -90,7 +90,7 @@ def beacon(sensed: Sensed) -> tuple[float, float] | None:
     beacon."""
     if sensed == ():
         return None
-    distance_pct, direction_deg = _expect(sensed, 2)
+    distance_pct, direction_deg = _expect(sensed, 2, "(distance, direction)")
     return distance_pct, direction_deg
 
 
@@ -104,9 +104,9 @@ def reflection_pct(hsv: Hsv) -> int:
     return int(round(mean_pct, 6))
 
 
-def _expect(sensed: Sensed, count: int) -> tuple[float, ...]:
+def _expect(sensed: Sensed, count: int, expected: str = "") -> tuple[float, ...]:
     values = sensed if isinstance(sensed, tuple) else (sensed,)
     if len(values) != count:
-        expected = _EXPECTED[count]
-        raise TwinError(f"the scene lets a sensor sense {sensed}; give {expected}")
+        wanted = expected or _EXPECTED[count]
+        raise TwinError(f"the scene lets a sensor sense {sensed}; give {wanted}")
     return values

@@ -39,7 +39,7 @@ LACKS = {
         *("pupdevices.DuploTrain", "pupdevices.MarioHub", "pupdevices.TechnicMoveHub"),
     },
     HubKind.EV3: {
-        *("tools.hub_menu", "parameters.Icon", "iodevices.XboxController"),
+        *("tools.hub_menu", "iodevices.XboxController"),
         *("pupdevices.DuploTrain", "pupdevices.MarioHub", "pupdevices.TechnicMoveHub"),
     },
 }

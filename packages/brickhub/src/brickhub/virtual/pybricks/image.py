@@ -28,7 +28,7 @@ def shade(color: Any) -> int:
     if isinstance(color, int):
         return int(color)
     expect_type(color, Color)
-    white = color.v * (100 - color.s // 2)
+    white: int = color.v * (100 - color.s // 2)
     return _BLACK - sum(white >= split for split in _SPLITS)
 
 

@@ -48,16 +48,13 @@ class PUPDevice(Device):
 
     def _is_plugged_in(self) -> bool:
         model = self._machine.robot.hub.model
+        device = _device_id(self._machine, self._letter)
         # A motor's port of a brick looks at nothing, and passes for one with a plain motor.
         if model.sensor_ports and self._letter in model.motor_ports:
-            self._id = _ANY_PLAIN_MOTOR
-            self._device_modes = DeviceModes()
-            self._modes = ()
-            return True
-        device = _device_id(self._machine, self._letter)
-        # Nor does it find a button there, which sends nothing.
-        if device == SensorKind.EV3_TOUCH.model.device_id:
-            return False
+            device = _ANY_PLAIN_MOTOR
+        # A button of a brick sends nothing by which it would be found.
+        elif device == SensorKind.EV3_TOUCH.model.device_id:
+            device = None
         self._id = device or 0
         self._device_modes = MODES.get(self._id, DeviceModes())
         self._modes = self._device_modes.modes
