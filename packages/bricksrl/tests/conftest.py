@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Any
 
 import hermetic  # noqa: F401  before anything else is imported
 import pytest
 from ble_fixtures import world  # noqa: F401  a fixture
-from forked import CAN_FORK, ForkServer, Scratch, children_of
+from forked import CAN_FORK, ForkServer, Scratch, ServerOfOthers, children_of
 from quick_files import quick_files  # noqa: F401  a fixture
 
 from bricksrl import child_process
@@ -37,10 +38,32 @@ def processes(request: pytest.FixtureRequest) -> ForkServer | Scratch:
 
 
 @pytest.fixture(scope="session")
-def forked() -> Iterator[ForkServer]:
+def forked(request: pytest.FixtureRequest) -> Iterator[ForkServer]:
     """A server of processes that have torch, TorchRL and MuJoCo."""
     if not CAN_FORK:
         pytest.skip("Windows and macOS have no safe fork")
-    server = ForkServer()
+    shared = getattr(request.config, "workerinput", {}).get(_SHARED)
+    server = ServerOfOthers(shared) if shared else ForkServer()
     yield server
     server.close()
+
+
+# The processes of one run of pytest-xdist share a server: its imports cost five seconds.
+_SHARED = "fork_server"
+_server = pytest.StashKey[ForkServer]()
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_configure_node(node: Any) -> None:
+    """Start the server with the first process that may need it."""
+    if CAN_FORK:
+        stash = node.config.stash
+        if _server not in stash:
+            stash[_server] = ForkServer()
+        node.workerinput[_SHARED] = stash[_server].path
+
+
+def pytest_unconfigure(config: pytest.Config) -> None:
+    """End the server with the run."""
+    if server := config.stash.get(_server, None):
+        server.close()

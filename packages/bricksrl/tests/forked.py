@@ -21,6 +21,7 @@ import subprocess
 import sys
 import tempfile
 import threading
+import time
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -93,9 +94,9 @@ class ForkServer:
     def __init__(self) -> None:
         ours, theirs = socket.socketpair()
         self._folder = tempfile.TemporaryDirectory()
-        self._path = str(Path(self._folder.name) / "server")
+        self.path = str(Path(self._folder.name) / "server")
         with theirs:
-            command = [sys.executable, __file__, str(theirs.fileno()), self._path]
+            command = [sys.executable, __file__, str(theirs.fileno()), self.path]
             environment = {**os.environ, "MUJOCO_GL": "disable"}
             self._server = subprocess.Popen(
                 command, pass_fds=(theirs.fileno(),), env=environment, stdin=subprocess.DEVNULL
@@ -132,7 +133,7 @@ class ForkServer:
             {
                 "arguments": list(arguments),
                 "folder": str(Path.cwd()),
-                "server": self._path if self.forks_children else "",
+                "server": self.path if self.forks_children else "",
                 **asked,
             }
         ).encode()
@@ -254,15 +255,36 @@ def _from_scratch(arguments: Sequence[str], script: str) -> list[str]:
     return [sys.executable, *(["-c", script] if script else ["-m", "bricksrl"]), *arguments]
 
 
-class SameServer(ForkServer):
-    """The server, for a process that it has forked."""
+class ServerOfOthers(ForkServer):
+    """A server that another process has started, at a path."""
 
     def __init__(self, path: str) -> None:
-        self._path, self.forks_children = path, True
-        self._socket = socket.socket(socket.AF_UNIX)
+        self.path = path
+        self.forks_children = False
         self._exchanges = ThreadPoolExecutor(1, "fork-server")
-        self._socket.settimeout(60)
-        self._socket.connect(path)
+        self._socket = _connected(path)
+
+    def close(self) -> None:
+        """Leave the server to the others."""
+        self._exchanges.shutdown()
+        self._socket.close()
+
+
+def _connected(path: str) -> socket.socket:
+    """A connection to a server that may still be importing."""
+    until_s = time.monotonic() + 120.0
+    while True:
+        connection = socket.socket(socket.AF_UNIX)
+        connection.settimeout(60)
+        try:
+            connection.connect(path)
+        except (FileNotFoundError, ConnectionRefusedError):
+            connection.close()
+            if time.monotonic() > until_s:
+                raise
+            time.sleep(0.1)
+        else:
+            return connection
 
 
 def children_of(server: ForkServer) -> SimpleNamespace:
@@ -367,7 +389,9 @@ def command(request: dict[str, Any], fds: Sequence[int] | array.array[int]) -> i
     os.environ.update(request["environment"])
     sys.argv = ["bricksrl", *request["arguments"]]
     if server := request["server"]:
-        child_process.subprocess = children_of(SameServer(server))  # type: ignore[attr-defined]
+        same = ServerOfOthers(server)
+        same.forks_children = True
+        child_process.subprocess = children_of(same)  # type: ignore[attr-defined]
     try:
         if module := request.get("module"):
             os.setsid()
