@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import partial
 from types import SimpleNamespace
 
 import pytest
@@ -10,7 +9,6 @@ import pytest
 from bricksrl.cli import main
 from bricksrl.cli.app import parse
 from bricksrl.data import load
-from bricksrl.evaluation.film import film_run
 from bricksrl.training import RunFolder
 
 
@@ -52,8 +50,7 @@ def test_human_takes_over_in_a_simulation(command, tmp_path, monkeypatch, capfd)
 
 
 @pytest.mark.realtime
-def test_fleet_learns_on_a_page(forked_children, tmp_path, capfd, monkeypatch):
-    monkeypatch.setattr("bricksrl.evaluation.report.film_run", partial(film_run, size=(192, 108)))
+def test_fleet_learns_on_a_page(forked_children, tmp_path, capfd):
     command = [
         "train",
         "RunAway-v0",
@@ -66,5 +63,5 @@ def test_fleet_learns_on_a_page(forked_children, tmp_path, capfd, monkeypatch):
         "--run",
         str(tmp_path / "run"),
     ]
-    assert main([*command, "--page"]) == 0
+    assert main([*command, "--page", "--no-film"]) == 0
     assert len(RunFolder(tmp_path / "run").read_episodes()) == 2

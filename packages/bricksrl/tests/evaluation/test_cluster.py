@@ -77,6 +77,7 @@ def sweep_here(folder: Path) -> list[float]:
     return returns
 
 
+@pytest.mark.slow
 def test_killed_ray_worker_gives_same_numbers(tmp_path: Path) -> None:
     here = sweep_here(tmp_path / "here")
     there = sweep_on_cluster(tmp_path / "there")
