@@ -104,7 +104,7 @@ def test_no_load_speed_follows_motor_curve(kind: MotorKind) -> None:
         MotorKind.TRAIN: (184, 1470),
         MotorKind.EV3_LARGE: (343, 832),
         MotorKind.EV3_MEDIUM: (140, 1206),
-        MotorKind.NXT: (343, 832),
+        MotorKind.NXT: (424, 808),
     }[kind]
     assert (stall_mnm, free_deg_s) == pytest.approx(expected, rel=0.01)
     rover = ROVER

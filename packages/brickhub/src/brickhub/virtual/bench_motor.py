@@ -111,33 +111,40 @@ _SPIKE_MEDIUM = Step(
     ),
     friction_unm=21413.268,
 )
-_EV3_LARGE = Constants(
-    torque_nm_a=0.2746,
-    emf_v_s=0.4731,
-    resistance_ohm=5.505,
-    inductance_h=0.015,
-    inertia_kg_m2=2.478e-3,
-    friction_unm=16476.0,
-)
-_EV3_MEDIUM = Constants(
-    torque_nm_a=0.2459,
-    emf_v_s=0.2912,
-    resistance_ohm=10.73,
-    inductance_h=0.024,
-    inertia_kg_m2=5.206e-4,
-    friction_unm=24593.0,
-)
-_OWN_STEPS = {
-    MotorKind.EV3_LARGE: _EV3_LARGE.step(),
-    MotorKind.EV3_MEDIUM: _EV3_MEDIUM.step(),
-    # An NXT motor has nearly the curve of the large one.
-    MotorKind.NXT: _EV3_LARGE.step(),
+CONSTANTS = {
+    MotorKind.EV3_LARGE: Constants(
+        torque_nm_a=0.2746,
+        emf_v_s=0.4731,
+        resistance_ohm=5.505,
+        inductance_h=0.015,
+        inertia_kg_m2=2.478e-3,
+        friction_unm=16476.0,
+    ),
+    MotorKind.EV3_MEDIUM: Constants(
+        torque_nm_a=0.2459,
+        emf_v_s=0.2912,
+        resistance_ohm=10.73,
+        inductance_h=0.024,
+        inertia_kg_m2=5.206e-4,
+        friction_unm=24593.0,
+    ),
+    # The firmware takes it for a large one, but it is none.
+    MotorKind.NXT: Constants(
+        torque_nm_a=0.3408,
+        emf_v_s=0.4870,
+        resistance_ohm=5.516,
+        inductance_h=0.015,
+        inertia_kg_m2=3.069e-3,
+        friction_unm=20449.0,
+    ),
 }
+"""Constants by kind of motor, of those whose observer in the firmware is no model of them."""
+_STEPS = {kind: constants.step() for kind, constants in CONSTANTS.items()}
 
 
 def step_of(kind: MotorKind) -> Step:
     """What a step makes of a kind of motor on the bench."""
-    return _OWN_STEPS.get(kind, _SPIKE_MEDIUM)
+    return _STEPS.get(kind, _SPIKE_MEDIUM)
 
 
 class BenchMotor:

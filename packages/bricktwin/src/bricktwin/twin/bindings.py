@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from brickhub.errors import TwinError
 from brickhub.robot import Robot, Sense, Sensor, SensorKind
 from bricktwin.twin.engines.conventions import (
+    BACKLASH,
     FOOT,
     OBSTACLE_GROUP,
     SHAPE_GROUP,
@@ -24,8 +25,14 @@ from bricktwin.twin.scene import Scene
 from bricktwin.twin.senses import WorldSenses
 from bricktwin.twin.stance import Feet
 
-_CONE_DEG = (-12.0, -6.0, 0.0, 6.0, 12.0)
-"""Directions of an ultrasonic sensor's rays, to the left of where it looks."""
+_CONES_DEG = {
+    SensorKind.ULTRASONIC: 12.0,
+    SensorKind.EV3_ULTRASONIC: 15.0,
+    SensorKind.EV3_INFRARED: 15.0,
+}
+"""Largest angle of a sensor's rays to where it looks, estimates; of others that is one ray."""
+_RAY_SHARES = (-1.0, -0.5, 0.0, 0.5, 1.0)
+"""Directions of its rays as shares of that angle, to the left."""
 _FREE = 0
 """MuJoCo's number of a joint that moves freely (``mjtJoint``)."""
 
@@ -81,6 +88,8 @@ class Motors:
         amperes: index of the actuator, and current for a torque, of each motor.
         joints: index of each motor's joint, by port.
         dofs: degree of freedom of each motor's joint.
+        plays: index of the joint of each motor's play, and its play as a share of that of a SPIKE
+            motor.
         tyres: geometries of the drive base's tyres, left and right, if it has such.
     """
 
@@ -89,6 +98,7 @@ class Motors:
     amperes: list[tuple[int, float]]
     joints: dict[str, int]
     dofs: list[int]
+    plays: list[tuple[int, float]]
     tyres: list[int]
 
 
@@ -104,6 +114,7 @@ def bind_motors(
     amperes = []
     joints = {}
     dofs = []
+    plays = []
     groups = engine.indices("actuator_group")
     # Six numbers each, of which a hinge has the first.
     gears = engine.nominal("actuator_gear")
@@ -125,12 +136,17 @@ def bind_motors(
         amperes.append((actuator, 1.0 / constants.torque_nm_a))
         joints[motor.port] = joint
         dofs.append(first_dofs[joint])
+        play = engine.index("joint", f"{prefix}{BACKLASH}{motor.port}")
+        # A model of the user may have no play.
+        if play >= 0:
+            plays.append((play, constants.play_share))
     return Motors(
         terminals=terminals,
         shafts=shafts,
         amperes=amperes,
         joints=joints,
         dofs=dofs,
+        plays=plays,
         tyres=_tyres(engine, robot, prefix),
     )
 
@@ -160,7 +176,9 @@ class Sensors:
     Attributes:
         kinds: of those that sense anything.
         gazes: position of each, and where it looks.
-        sonars: position and directions of the rays of each ultrasonic sensor.
+        lefts: direction to the left of each.
+        rays: directions of the rays of each.
+        ranges_mm: least and largest distance of each ultrasonic sensor.
         forces: address of what a force sensor feels (N) in the engine's ``sensordata``.
         echoing_groups: geometry groups that throw sound back.
         silent_body: body that sound passes through; -1 for none.
@@ -170,7 +188,9 @@ class Sensors:
 
     kinds: dict[str, SensorKind]
     gazes: dict[str, tuple[Vector, Vector]]
-    sonars: dict[str, tuple[Vector, list[Vector]]]
+    lefts: dict[str, Vector]
+    rays: dict[str, list[Vector]]
+    ranges_mm: dict[str, tuple[int, int]]
     forces: dict[str, int]
     echoing_groups: tuple[int, ...]
     silent_body: int
@@ -188,7 +208,9 @@ def bind_sensors(
     """The sensors of a robot. Raises TwinError if the model has no place for one."""
     kinds: dict[str, SensorKind] = {}
     gazes: dict[str, tuple[Vector, Vector]] = {}
-    sonars: dict[str, tuple[Vector, list[Vector]]] = {}
+    lefts: dict[str, Vector] = {}
+    rays: dict[str, list[Vector]] = {}
+    ranges_mm: dict[str, tuple[int, int]] = {}
     forces: dict[str, int] = {}
     for sensor in robot.sensors:
         kind = sensor.kind
@@ -200,9 +222,10 @@ def bind_sensors(
         kinds[sensor.port] = kind
         # Sensors look along their x axes.
         gazes[sensor.port] = (position_m, rotated((1.0, 0.0, 0.0), turn))
+        lefts[sensor.port] = rotated((0.0, 1.0, 0.0), turn)
+        rays[sensor.port] = [rotated(ray, turn) for ray in _cone(kind)]
         if kind.model.range_mm is not None:
-            rays = [rotated(_in_cone(angle_deg), turn) for angle_deg in _CONE_DEG]
-            sonars[sensor.port] = (position_m, rays)
+            ranges_mm[sensor.port] = kind.model.range_mm
         if Sense.FORCE in kind.model.senses:
             touch = engine.index("sensor", f"{prefix}force_{sensor.port}")
             forces[sensor.port] = engine.indices("sensor_adr")[touch]
@@ -216,7 +239,9 @@ def bind_sensors(
     return Sensors(
         kinds=kinds,
         gazes=gazes,
-        sonars=sonars,
+        lefts=lefts,
+        rays=rays,
+        ranges_mm=ranges_mm,
         forces=forces,
         echoing_groups=(OBSTACLE_GROUP, SHAPE_GROUP) if is_in_arena else (OBSTACLE_GROUP,),
         silent_body=root.body if is_in_arena else -1,
@@ -225,10 +250,16 @@ def bind_sensors(
     )
 
 
-def _in_cone(angle_deg: float) -> Vector:
-    """Direction of an ultrasonic sensor's ray, in its own axes."""
-    angle = math.radians(angle_deg)
-    return math.cos(angle), math.sin(angle), 0.0
+def _cone(kind: SensorKind) -> list[Vector]:
+    """Directions of a sensor's rays, in its own axes."""
+    widest_deg = _CONES_DEG.get(kind)
+    if widest_deg is None:
+        return [(1.0, 0.0, 0.0)]
+    rays = []
+    for share in _RAY_SHARES:
+        angle = math.radians(share * widest_deg)
+        rays.append((math.cos(angle), math.sin(angle), 0.0))
+    return rays
 
 
 def _site(

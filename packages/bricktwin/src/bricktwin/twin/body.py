@@ -7,7 +7,7 @@ computed here.
 import math
 from typing import NamedTuple
 
-from brickhub.robot import Robot, Sense, UltrasonicSensor
+from brickhub.robot import Robot, Sense
 from brickhub.virtual.body import Rng
 from brickhub.virtual.stimuli import Sensed
 from bricktwin.twin.engines.conventions import TIMESTEP_S
@@ -16,12 +16,10 @@ from bricktwin.twin.engines.rotations import Vector, dot, plus
 from bricktwin.twin.model_physics import up
 from bricktwin.twin.physics import Physics, RandomPhysics
 from bricktwin.twin.scene import Scene
-from bricktwin.twin.senses import INFRARED_MM, Noise, SummedNoise
+from bricktwin.twin.senses import INFRARED_MM, SENSOR_DRIFTS, Noise, SummedNoise
 from bricktwin.twin.standing import StandingRobot
 from bricktwin.twin.turning_parts import TurningParts
 
-_NEAREST_MM = UltrasonicSensor.NEAREST_MM
-_FARTHEST_MM = UltrasonicSensor.FARTHEST_MM
 _GRAVITY_MM_S2 = 9810.0
 _STEPS_PER_UPDATE = 20
 """Steps between two updates of the turns: few enough that no robot turns by half a turn."""
@@ -215,34 +213,35 @@ class TwinBody(StandingRobot):
     # ---------------------------------------------------------------- sensors
 
     def distance_mm(self, port: str) -> int:
-        """Distance to the nearest obstacle or robot that throws one of five rays in a cone of 24
-        degrees back, with noise, bias and failures; 40..2000.
+        """Distance to the nearest obstacle or robot that throws one of five rays in the sensor's
+        cone back, with noise, bias and failures; within the sensor's range.
 
         What is hard is a mirror of sound and throws back what meets it nearly at right angles; what
         is soft scatters sound, and is seen late.
         """
         physics = self.physics
+        nearest, farthest = self._sensors.ranges_mm[port]
         # A sensor that never fails draws nothing for it.
         dropout_share = physics.distance_dropout_share
         if dropout_share and self._noise.random() < dropout_share:
-            return _FARTHEST_MM
+            return farthest
         nearest_mm = self._nearest_echo_mm(port)
-        if nearest_mm >= _FARTHEST_MM:
-            return _FARTHEST_MM
+        if nearest_mm >= farthest:
+            return farthest
         deviation_mm = physics.distance_noise_mm + physics.distance_noise_ratio * nearest_mm
         noise_mm = deviation_mm * self._noise.standard_normal()
         reading_mm = round(nearest_mm + physics.distance_bias_mm + noise_mm)
-        return min(max(reading_mm, _NEAREST_MM), _FARTHEST_MM)
+        return min(max(reading_mm, nearest), farthest)
 
     def _nearest_echo_mm(self, port: str) -> float:
         """Distance of an ultrasonic sensor to the nearest surface that it can hear; infinite if
         there is none."""
         sensors = self._sensors
         base = self._base
-        position_m, rays = sensors.sonars[port]
+        position_m, _ = sensors.gazes[port]
         origin_m = plus(base.in_world(position_m), base.position())
         nearest_mm = math.inf
-        for ray in rays:
+        for ray in sensors.rays[port]:
             direction = base.in_world(ray)
             hit = self.engine.ray(
                 origin_m,
@@ -275,20 +274,45 @@ class TwinBody(StandingRobot):
         if sense is Sense.COUNT:
             # Nothing passes a sensor here that counts what passes.
             return 0.0
+        if sense is Sense.ROTATION:
+            return self._rotation(port)
         base = self._base
         position_m, forwards = sensors.gazes[port]
         eye_m = plus(base.in_world(position_m), base.position())
         gaze = base.in_world(forwards)
         if sense is Sense.DISTANCE:
             full_mm = INFRARED_MM[sensors.kinds[port]]
-            share = sensors.world.distance_mm(eye_m, gaze) / full_mm
-            return 100.0 * min(share, 1.0)
+            rays = [base.in_world(ray) for ray in sensors.rays[port]]
+            nearest_mm = min(sensors.world.distance_mm(eye_m, ray) for ray in rays)
+            return 100.0 * min(nearest_mm / full_mm, 1.0)
+        if sense is Sense.BEACON:
+            left = base.in_world(sensors.lefts[port])
+            return sensors.world.beacon(eye_m, gaze, left)
         if sense is Sense.AMBIENT:
             return sensors.world.ambient(eye_m, gaze)
         hue, saturation, value = sensors.world.surface(eye_m, gaze)
         noise_pct = self.physics.color_noise_pct * self._noise.standard_normal()
         reading_pct = min(max(value + noise_pct, 0.0), 100.0)
         return hue, saturation, reading_pct
+
+    def _rotation(self, port: str) -> tuple[float, float]:
+        """Angle since the start and rate of a gyroscope on a port, clockwise for who looks onto it
+        against its axis, with drift, and noise of the rate."""
+        physics = self.physics
+        drift_share = SENSOR_DRIFTS[self._sensors.kinds[port]]
+        angle_deg = drift_share * self._drift_deg()
+        rate_deg_s = drift_share * physics.gyro_drift_deg_min / 60.0
+        rate_deg_s += physics.gyro_noise_deg_s * self._noise.standard_normal()
+        # Sensors are on the first body, which a fixed robot does not turn.
+        if self.moves:
+            self.update_turns()
+            base = self._base
+            _, axis = self._sensors.gazes[port]
+            # Rotations are counter-clockwise here.
+            scale = -math.degrees(self._gyro_scale)
+            angle_deg += scale * dot(self._turns.rotation_rad, axis)
+            rate_deg_s += scale * dot(base.angular_velocity(), base.in_hub(axis))
+        return angle_deg, rate_deg_s
 
     def tilt_deg(self) -> tuple[float, float]:
         """Pitch (nose down positive) and roll (right side down positive) from the direction of "up"

@@ -83,6 +83,9 @@ def set_physics(
     ranges = engine.parameters("jnt_range")
     for joint in backlash_joints(engine):
         ranges[2 * joint : 2 * joint + 2] = (-play, play)
+    for robot in robots:
+        for joint, share in robot.motors.plays:
+            ranges[2 * joint : 2 * joint + 2] = (-share * play, share * play)
     engine.set_parameters("jnt_range", ranges)
     for robot in robots:
         _set_tyres(engine, physics, robot)

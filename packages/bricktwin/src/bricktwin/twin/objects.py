@@ -1,5 +1,5 @@
 """Objects of a scene: lines, fields and pictures on the floor, walls, fixed and pushable blocks,
-balls, ramps and lamps.
+balls, ramps, lamps and infrared beacons.
 
 Positions are millimetres on the floor, ``(x, y)``: a robot that starts at the origin with a heading
 of 0 looks along x, y is to its left. Headings are degrees, clockwise seen from above. What
@@ -18,6 +18,7 @@ from bricktwin.twin.floor_picture import Picture, read_picture
 __all__ = [
     "COLORS",
     "Ball",
+    "Beacon",
     "Block",
     "Field",
     "Lamp",
@@ -362,13 +363,29 @@ class Lamp:
             )
 
 
+@dataclass(frozen=True)
+class Beacon:
+    """Infrared beacon, such as the remote of an EV3, on channel 1; only infrared sensors of EV3 see
+    it. Raises TwinError if a value is invalid.
+
+    Attributes:
+        at_mm: position and height.
+    """
+
+    at_mm: Size
+
+    def __post_init__(self) -> None:
+        if not _are_numbers(self.at_mm, 3):
+            raise TwinError(f"scene: a beacon at {self.at_mm}; give a place (x, y, height) in mm")
+
+
 _OVAL_POINTS = 25
 """Points of each end of an oval."""
 
 Mark = Line | Field | Picture
 Pushable = Block | Ball
 Solid = Wall | Block | Ball | Ramp
-Object = Mark | Solid | Lamp
+Object = Mark | Solid | Lamp | Beacon
 
 
 def oval(length_mm: float, width_mm: float) -> tuple[Point, ...]:

@@ -114,19 +114,21 @@ class Physics:
         friction_scale: factor on the friction between tyres and floor.
         mass_scale: factor on all masses and inertias.
         motor_friction_scale: factor on the dry friction inside the motors.
-        backlash_deg: backlash between motor and wheel, to either side.
+        backlash_deg: backlash between motor and wheel, to either side, of a SPIKE motor; an EV3
+            large motor has 0.6 of it, a medium one 0.1.
         encoder_resolution_deg: step of a motor's rotation sensor.
         distance_noise_mm: standard deviation of the ultrasonic sensor at zero distance.
         distance_noise_ratio: increase of this deviation per millimetre of distance.
         distance_bias_mm: offset of the ultrasonic sensor.
-        distance_dropout_share: share of its readings that are 2000 whatever is ahead.
+        distance_dropout_share: share of its readings that are the largest whatever is ahead.
         echo_angle_deg: largest angle to a hard surface's normal at which the surface throws sound
             back.
         soft_range_mm: distance from which on it sees something soft.
         tilt_noise_deg: standard deviation of pitch and roll.
         gyro_noise_deg_s: standard deviation of each axis of the gyroscope.
         gyro_scale_error_pct: what the gyroscope reads for a turn, beyond the turn.
-        gyro_drift_deg_min: heading that the gyroscope adds by itself.
+        gyro_drift_deg_min: heading that the gyroscope adds by itself; that of an EV3 sensor adds
+            ten times of it.
         acceleration_noise_mm_s2: standard deviation of each axis of the accelerometer.
         acceleration_bias_x_mm_s2, acceleration_bias_y_mm_s2, acceleration_bias_z_mm_s2: offset of
             each axis of the accelerometer, in the hub's frame; it tilts pitch and roll, too.

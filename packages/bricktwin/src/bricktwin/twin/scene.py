@@ -24,7 +24,7 @@ class Scene:
             start, drawn uniformly; ``None`` for an open floor.
         heading_deg: lowest and highest heading at the start, drawn uniformly, clockwise positive; 0
             looks straight at the wall.
-        objects: what lies on the floor, walls, blocks, balls, ramps and lamps: see
+        objects: what lies on the floor, walls, blocks, balls, ramps, lamps and beacons: see
             ``bricktwin.twin.objects``.
         start_mm: ranges of x and y of the robot's start position, drawn uniformly; ignored with a
             wall ahead.

@@ -29,11 +29,19 @@ from bricktwin.twin.engines.rotations import (
     turn_between,
     vector,
 )
-from bricktwin.twin.objects import COLORS, Field, Lamp, Line, Mark, Picture, Point
+from bricktwin.twin.objects import COLORS, Beacon, Field, Lamp, Line, Mark, Picture, Point
 from bricktwin.twin.scene import FLOOR, Scene
 
-INFRARED_MM = {SensorKind.COLOR_DISTANCE: 100.0, SensorKind.INFRARED: 150.0}
+INFRARED_MM = {
+    SensorKind.COLOR_DISTANCE: 100.0,
+    SensorKind.INFRARED: 150.0,
+    # ev3dev's documentation has this one, and that of a beacon.
+    SensorKind.EV3_INFRARED: 700.0,
+}
 """Distances that sensors with infrared light report as 100 %; estimates."""
+SENSOR_DRIFTS = {SensorKind.EV3_GYRO: 10.0}
+"""Drift of a gyroscope on a port, as a share of that of a SPIKE hub; an estimate: owners of EV3
+tell of drift at rest (ev3dev/ev3dev#1219), not how much."""
 _GYRO_SAMPLE_S = 1 / 833
 """Time between two samples of a hub's gyroscope."""
 _SUMMED_S = 0.005
@@ -244,6 +252,8 @@ _FULL_LIGHT_MM = 20.0
 """Distance up to which a colour sensor gets all of its light back; an estimate."""
 _LAMP_MM = 300.0
 """Distance from which a lamp's ``light_pct`` is read."""
+_BEACON_MM = 2000.0
+"""Distance from which an infrared beacon is reported as 100 %, and beyond which it is not seen."""
 _MAX_DISTANCE_M = 3.0
 _WALL_COLOR = (0.78, 0.16, 0.12)
 """Reflectance of the wall of bricks ahead, and of all else that is no object of the scene."""
@@ -289,6 +299,7 @@ class WorldSenses:
         # The uppermost mark is the last, and hides those below it.
         self._marks: list[Mark] = scene.marks[::-1]
         self._lamps = [item for item in scene.objects if isinstance(item, Lamp)]
+        self._beacons = [item for item in scene.objects if isinstance(item, Beacon)]
         self._colors: dict[int, Vector] = {}
         """Colours of the scene's objects, by the indices of their geometries."""
         for number, item in enumerate(scene.solids):
@@ -334,16 +345,39 @@ class WorldSenses:
             cosine = dot(offset_m, gaze) / max(distance_m, 1e-9)
             if cosine <= 0.0:
                 continue
-            # An obstacle between the sensor and a lamp hides the lamp.
-            towards = times(1.0 / distance_m, offset_m)
-            obstacle = self._engine.ray(eye_m, towards, _OBSTACLES)
-            if obstacle is not None and obstacle.distance_m < distance_m:
+            if self._is_hidden(eye_m, offset_m):
                 continue
             # A lamp is no point: very near it no longer gets brighter.
             distance_mm = max(distance_m * 1000.0, _LAMP_MM / 10)
             closeness = (_LAMP_MM / distance_mm) ** 2
             light_pct += lamp.light_pct * cosine * closeness
         return min(light_pct, 100.0)
+
+    def _is_hidden(self, eye_m: Vector, offset_m: Vector) -> bool:
+        """Whether an obstacle is between an eye and what is at this offset from it."""
+        distance_m = math.hypot(*offset_m)
+        towards = times(1.0 / max(distance_m, 1e-9), offset_m)
+        obstacle = self._engine.ray(eye_m, towards, _OBSTACLES)
+        return obstacle is not None and obstacle.distance_m < distance_m
+
+    def beacon(
+        self,
+        eye_m: Vector,
+        gaze: Vector,
+        left: Vector,
+    ) -> tuple[float, ...]:
+        """Distance (%) and direction (deg, to the right positive) of the nearest infrared beacon
+        before a sensor; empty if it sees none."""
+        seen: list[tuple[float, float]] = []
+        for item in self._beacons:
+            offset_m = minus(times(1e-3, item.at_mm), eye_m)
+            ahead_m = dot(offset_m, gaze)
+            share = math.hypot(*offset_m) * 1000.0 / _BEACON_MM
+            if ahead_m <= 0.0 or share > 1.0 or self._is_hidden(eye_m, offset_m):
+                continue
+            right = math.atan2(-dot(offset_m, left), ahead_m)
+            seen.append((100.0 * share, math.degrees(right)))
+        return min(seen, default=())
 
     def distance_mm(
         self,

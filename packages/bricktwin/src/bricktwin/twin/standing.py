@@ -249,7 +249,8 @@ class StandingRobot:
         face_m = middle_m - half_thickness_m
         # A floating base reads its orientation from the positions, which `put` has set: no physics
         # has to run before the sensor's place is known.
-        position_m, _ = next(iter(self._sensors.sonars.values()))
+        sonar = next(iter(self._sensors.ranges_mm))
+        position_m, _ = self._sensors.gazes[sonar]
         x_m, y_m, _ = self._base.in_world(position_m)
         engine.qpos[0] = face_m - distance_mm / 1000 - x_m
         engine.qpos[1] = -y_m

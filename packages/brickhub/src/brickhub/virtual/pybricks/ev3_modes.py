@@ -73,7 +73,11 @@ def _channels(plug: Plug) -> tuple[float, float, float]:
 
 def turned(plug: Plug) -> tuple[int, int]:
     """Angle and rate of a gyroscope."""
-    angle_deg, rate_deg_s = rotation(plug.sensed(Sense.ROTATION))
+    return sent_rotation(*rotation(plug.sensed(Sense.ROTATION)))
+
+
+def sent_rotation(angle_deg: float, rate_deg_s: float) -> tuple[int, int]:
+    """An angle and a rate as a gyroscope sends them."""
     return (
         _limited(angle_deg, _LARGEST_ANGLE_DEG),
         _limited(rate_deg_s, _LARGEST_RATE_DEG_S),

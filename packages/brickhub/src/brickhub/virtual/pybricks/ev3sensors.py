@@ -21,11 +21,11 @@ from brickhub.virtual.pybricks.ev3_modes import (
     raw_rgb,
     red_pct,
     seen_beacon,
-    turned,
+    sent_rotation,
 )
 from brickhub.virtual.pybricks.parameters import NAMED_COLORS, Button, Direction
 from brickhub.virtual.pybricks.pupsensors import Device, _reading
-from brickhub.virtual.stimuli import number
+from brickhub.virtual.stimuli import number, rotation
 
 _PRESSED_N = 0.5
 """Force that presses the button of a touch sensor; an estimate."""
@@ -120,8 +120,11 @@ class GyroSensor(Ev3Device):
             self._finish(None)
         expect_type(direction, Direction)
         self._sign = 1 if direction is Direction.CLOCKWISE else -1
-        # What the sensor itself counts as 0, and what the program does.
-        self._sensor_zero_deg = 0
+        # What the sensor itself takes for 0, and for rest, since when, and what the program takes
+        # for 0.
+        self._sensor_zero_deg = 0.0
+        self._rest_deg_s = 0.0
+        self._since_ms = 0
         self._zero_deg = 0
         self._zero_deg = self._angle_deg()
 
@@ -133,7 +136,7 @@ class GyroSensor(Ev3Device):
 
     def speed(self) -> int:
         self._check_mode()
-        _, rate_deg_s = turned(self._plug)
+        _, rate_deg_s = self._turned()
         self._log("rate_deg_s", rate_deg_s * self._sign)
         return rate_deg_s * self._sign
 
@@ -147,16 +150,31 @@ class GyroSensor(Ev3Device):
         if not self._is_ready():
             raise os_error(error_numbers.EAGAIN)
         off_and_on_ms = _GYRO_OFF_MS + 2 * _GYRO_SETTLE_MS
-        self._mode.ready_ms = self._told_ms() + off_and_on_ms
+        begin_ms = self._told_ms()
+        before_deg, _ = rotation(self._plug.sensed(Sense.ROTATION))
+        self._mode.ready_ms = begin_ms + off_and_on_ms
 
         def begin() -> None:
-            self._sensor_zero_deg, _ = turned(self._plug)
+            # Whatever it turns by meanwhile is rest to the sensor from now on.
+            now_ms = self._machine.time_ms
+            now_deg, _ = rotation(self._plug.sensed(Sense.ROTATION))
+            self._rest_deg_s = (now_deg - before_deg) * 1000 / max(now_ms - begin_ms, 1)
+            self._sensor_zero_deg = now_deg
+            self._since_ms = now_ms
 
         return self._finish(begin)
 
+    def _turned(self) -> tuple[int, int]:
+        """Angle and rate, as the sensor sends them."""
+        angle_deg, rate_deg_s = rotation(self._plug.sensed(Sense.ROTATION))
+        at_rest_deg = self._rest_deg_s * (self._machine.time_ms - self._since_ms) / 1000
+        return sent_rotation(
+            angle_deg - self._sensor_zero_deg - at_rest_deg, rate_deg_s - self._rest_deg_s
+        )
+
     def _angle_deg(self) -> int:
-        angle_deg, _ = turned(self._plug)
-        return (angle_deg - self._sensor_zero_deg) * self._sign - self._zero_deg
+        angle_deg, _ = self._turned()
+        return angle_deg * self._sign - self._zero_deg
 
     def _check_mode(self) -> None:
         if not self._is_ready():

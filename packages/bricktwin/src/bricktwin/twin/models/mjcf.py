@@ -22,8 +22,8 @@ from bricktwin.twin.engines.conventions import (
     TIMESTEP_S,
     motor_name,
 )
-from bricktwin.twin.models.motors import LIMIT_A, motor_constants
-from bricktwin.twin.objects import Ball, Block, Field, Lamp, Line, Picture, Ramp, Wall
+from bricktwin.twin.models.motors import motor_constants
+from bricktwin.twin.objects import Ball, Beacon, Block, Field, Lamp, Line, Picture, Ramp, Wall
 from bricktwin.twin.scene import Scene
 
 TYRE_FRICTION = 1.0
@@ -93,7 +93,7 @@ def add_motor(
     actuator.biasprm[2] = -motor.drag_nm_s
     # The hub limits the current, which limits the torque.
     actuator.forcelimited = True
-    most_nm = LIMIT_A * motor.torque_nm_a
+    most_nm = motor.limit_a * motor.torque_nm_a
     actuator.forcerange = [-most_nm, most_nm]
     # Each motor has its own group, so that the body can open the circuit of this motor alone.
     actuator.group = len(spec.actuators) - 1
@@ -312,7 +312,7 @@ def overview_of(scene: Scene) -> tuple[Triple, float]:
                 points_mm += item.points_mm
             case Wall():
                 points_mm += [item.from_mm, item.to_mm]
-            case Lamp():
+            case Lamp() | Beacon():
                 points_mm.append(item.at_mm[:2])
             case Field() | Picture() | Block() | Ball() | Ramp():
                 # The reach must hold for any heading: a ramp lies on one side of its place,

@@ -4,7 +4,9 @@ believes of them.
 The curve of a motor is the straight line between its free speed and its stall. LEGO's sheets give a
 third point, under load, that is not on the line of the other two: ours misses all three by the same
 share, 4 % (medium) and 5 % (large). Motors without a sheet have the curves that the Pybricks
-authors measured and their firmware stores; so have all motors their friction and inertia.
+authors measured and their firmware stores; so have all motors their friction and inertia. Those of
+EV3 have the constants from which these curves were computed, as their firmware stores them for
+steps of another length than it makes.
 """
 
 import functools
@@ -12,6 +14,7 @@ import math
 from dataclasses import dataclass
 
 from brickhub.robot import MotorKind
+from brickhub.virtual.bench_motor import CONSTANTS
 from brickhub.virtual.firmware.motor_model import (
     MOTOR_TYPES,
     PRESCALE_ACCELERATION,
@@ -26,6 +29,18 @@ SHEET_V = 7.2
 LIMIT_A = 1.4
 """Largest current of a port; an estimate: the largest that LEGO's sheets state for a motor, the
 large one's at its stall."""
+_EV3_LIMIT_A = 1.63
+"""Likewise of an EV3 Brick: that of its large motor at its stall at 9 V; nobody has published one
+of the brick's."""
+PLAY_DEG = 2.5
+"""Play between a motor of SPIKE and what it drives, to either side."""
+_EV3_PLAY_DEG = {
+    # 3 degrees at the hub in all, says robotics.benedettelli.com, where the medium motor has almost
+    # none: its gears are planetary.
+    MotorKind.EV3_LARGE: 1.5,
+    MotorKind.EV3_MEDIUM: 0.25,
+    MotorKind.NXT: 1.5,
+}
 RAD_S_PER_RPM = math.pi / 30
 
 
@@ -91,6 +106,8 @@ class MotorConstants:
         inertia_kg_m2: inertia of the rotor, through the gears.
         friction_nm: dry friction.
         ohm: resistance of the winding.
+        limit_a: largest current that its port gives it.
+        play_share: play of its gears, as a share of that of a SPIKE motor.
     """
 
     torque_nm_v: float
@@ -98,6 +115,8 @@ class MotorConstants:
     inertia_kg_m2: float
     friction_nm: float
     ohm: float
+    limit_a: float = LIMIT_A
+    play_share: float = 1.0
 
     @property
     def torque_nm_a(self) -> float:
@@ -108,7 +127,9 @@ class MotorConstants:
 @functools.cache
 def motor_constants(kind: MotorKind) -> MotorConstants:
     """Constants of a kind of motor: by LEGO's sheet if there is one, else by Pybricks' curve
-    (``servo_settings.c`` v4)."""
+    (``servo_settings.c`` v4) or, of EV3's, by what that was made from."""
+    if kind in CONSTANTS:
+        return _ev3_constants(kind)
     model = MOTOR_TYPES[kind].model
     # The firmware counts mdeg and uNm, but here are rad and Nm.
     per_rad = 180.0 / math.pi * 1e-3
@@ -131,6 +152,20 @@ def motor_constants(kind: MotorKind) -> MotorConstants:
         inertia_kg_m2,
         friction_nm,
         ohm,
+    )
+
+
+def _ev3_constants(kind: MotorKind) -> MotorConstants:
+    constants = CONSTANTS[kind]
+    torque_nm_v = constants.torque_nm_a / constants.resistance_ohm
+    return MotorConstants(
+        torque_nm_v,
+        torque_nm_v * constants.emf_v_s,
+        constants.inertia_kg_m2,
+        constants.friction_unm * 1e-6,
+        constants.resistance_ohm,
+        _EV3_LIMIT_A,
+        _EV3_PLAY_DEG[kind] / PLAY_DEG,
     )
 
 

@@ -27,6 +27,10 @@ _MOUNTS = {
     SensorKind.COLOR: _FACING_FLOOR,
     SensorKind.COLOR_DISTANCE: _FACING_FLOOR,
     SensorKind.FORCE: Mount((80.0, 0.0, 30.0)),
+    SensorKind.EV3_COLOR: _FACING_FLOOR,
+    SensorKind.EV3_TOUCH: Mount((80.0, 0.0, 30.0)),
+    # A gyroscope's axis is where it looks.
+    SensorKind.EV3_GYRO: Mount((-60.0, 0.0, 90.0), "up"),
 }
 """Default mount of each kind of sensor; others are in front and look ahead."""
 _UNKNOWN_SENSOR: tuple[Triple, float] = ((24.0, 24.0, 24.0), 12.0)

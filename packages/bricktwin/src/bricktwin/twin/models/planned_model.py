@@ -577,9 +577,10 @@ class _Builder:
             )
         looks = np.array(placed.electric.direction)
         low, high = placed.part.bounds
-        # A sensor looks out of an end of its case, so its eye is at that end and in the middle of
-        # the other axes.
-        lower_or_middle = np.where(looks < -0.5, low, 0.0)
+        # A sensor looks out of an end of its case, which is its first solid, so its eye is at that
+        # end and in the middle of the other axes.
+        middle = np.array(placed.part.solids[0].centre)
+        lower_or_middle = np.where(looks < -0.5, low, middle)
         eye = np.where(looks > 0.5, high, lower_or_middle)
         eye_m = point_m_of(placed.point(eye))
         add_sensor_site(
