@@ -172,7 +172,7 @@ def test_missing_package_is_named(tmp_path: Path) -> None:
         ),
         ("doctor --timeout-s nan", "timeout-s is nan"),
         ("scan --seconds 0", "above 0, and up to 600"),
-        ("scan --hub infrared", "choose ble or virtual"),
+        ("scan --hub infrared", "choose ble, usb or virtual"),
         ("run main.py --time-limit-s nan", "time limit is nan"),
         ("run main.py --time-limit-s -1", "time limit is -1"),
         ("run other.py", "(No such file or directory)"),

@@ -35,6 +35,7 @@ _PRODUCT_IDS = {
     HubKind.TECHNIC: 0x80,
     HubKind.PRIME: 0x81,
     HubKind.ESSENTIAL: 0x83,
+    HubKind.EV3: 0xE2,
 }
 
 

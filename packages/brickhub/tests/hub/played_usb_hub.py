@@ -53,6 +53,7 @@ class PlayedUsbHub(PlayedFirmware):
     Attributes:
         change: function of the bytes that the hub sends.
         tells_product: whether it reports its product, unlike the first betas.
+        max_write_bytes: largest command that it takes.
     """
 
     def __init__(self, robot: Robot, name: str = "Pybricks Hub") -> None:
@@ -60,6 +61,7 @@ class PlayedUsbHub(PlayedFirmware):
         self.profile_version = "1.6.0"
         self.change: Callable[[bytes], bytes] = lambda data: data
         self.tells_product = True
+        self.max_write_bytes = MAX_MESSAGE_BYTES - 1
         self.is_plugged_in = True
         self._is_subscribed = False
         self._write: Callable[[bytes], object] | None = None
@@ -202,6 +204,6 @@ class PlayedUsbHub(PlayedFirmware):
             (1, 0x2A26): b"4.1.0b4",
             (1, 0x2A28): self.profile_version.encode(),
             (1, 0x2A50): self.product if self.tells_product else b"",
-            (2, 3): self.capabilities(MAX_MESSAGE_BYTES - 1),
+            (2, 3): self.capabilities(self.max_write_bytes),
         }
         return values.get((service, number), b"")

@@ -63,7 +63,8 @@ Link = Annotated[
     str | None,
     option(
         metavar="LINK",
-        help="Bluetooth link of the virtual hub: mac, linux or bad-room; linux by default.",
+        help="Link of the virtual hub: Bluetooth as mac, linux or bad-room, or usb, usb-quick or "
+        "usb-slow; linux by default, usb for an EV3.",
     ),
 ]
 Folder = Annotated[Path | None, option(metavar="DIR")]
@@ -71,18 +72,20 @@ Folder = Annotated[Path | None, option(metavar="DIR")]
 
 @dataclass(frozen=True)
 class Scan(SavesNothing):
-    """List the advertising Pybricks hubs: name, address, signal, kind.
+    """List the advertising Pybricks hubs: name, address, signal, kind; or those on USB.
 
-    A hub does not advertise while it runs a program or is connected to a computer.
+    A hub does not advertise while it runs a program or is connected to a computer. An EV3 is
+    reached over USB only.
 
     Examples:
       brickhub scan
       brickhub scan --seconds 10 --json
+      brickhub scan --hub usb
       brickhub scan --hub virtual
     """
 
     hub: Annotated[str, option(metavar="HUB")] = "ble"
-    """Where to scan: ble, or virtual for the virtual hub, which is always present."""
+    """Where to scan: ble, usb, or virtual for the virtual hub, which is always present."""
     seconds: Annotated[float, option(metavar="SECONDS")] = _SCAN_S
     """Duration of the scan."""
     json: Flag = False
@@ -90,9 +93,9 @@ class Scan(SavesNothing):
 
     def execute(self) -> int:
         """Scan and print; exit code 1 if no hub was found."""
-        if self.hub not in ("ble", "virtual"):
+        if self.hub not in ("ble", "usb", "virtual"):
             raise DescriptionError(
-                f"nothing can be scanned for on '{self.hub}'; choose ble or virtual"
+                f"nothing can be scanned for on '{self.hub}'; choose ble, usb or virtual"
             )
         if not 0 < self.seconds <= 600:
             raise DescriptionError(
@@ -107,6 +110,10 @@ class Scan(SavesNothing):
                     HubKind.PRIME,
                 )
             ]
+        elif self.hub == "usb":
+            from brickhub.hub.transports.usb import list_usb_hubs
+
+            hubs = [FoundHub(hub.device, hub.address, 0, hub.kind) for hub in list_usb_hubs()]
         else:
             hubs = scan(self.seconds)
         # JSON is read by programs, for which an empty list is a result too.
@@ -117,11 +124,16 @@ class Scan(SavesNothing):
             for hub in hubs:
                 # An advertisement may name a kind of hub that is unknown here.
                 kind = hub.kind.value if hub.kind else "unknown"
-                print_line(f"{hub.name:16}  {hub.address:36}  {hub.rssi_dbm:>4} dBm  {kind}")
+                signal = "cable" if self.hub == "usb" else f"{hub.rssi_dbm:>4} dBm"
+                print_line(f"{hub.name:16}  {hub.address:36}  {signal:>8}  {kind}")
+        elif self.hub == "usb":
+            print_line(
+                "no hub of LEGO is on USB; plug it in and switch it on, with Pybricks 4.1 or later"
+            )
         else:
             print_line(
                 "no hub with Pybricks advertises itself; switch one on, end its program, and "
-                "disconnect it elsewhere"
+                "disconnect it elsewhere; an EV3 is found with --hub usb"
             )
         return 0 if hubs else 1
 
@@ -487,7 +499,7 @@ def _reach(
             "a real hub has a link of its own; leave out --link, or take --hub virtual"
         )
     if target.robot.hub.model.runs_programs:
-        return address.transport()
+        return address.transport(target.robot.hub)
     return real_radio(address)
 
 

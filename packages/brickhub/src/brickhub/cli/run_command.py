@@ -109,13 +109,15 @@ class Run:
                 raise DescriptionError(
                     f"a real hub has its own robot, buttons and time; leave out --hub, or {name}"
                 )
+        from brickhub.hub.program.imported_hub import imported_hub
         from brickhub.hub.program.run_program import run_program
 
         if is_for_kit:
             raise DescriptionError(
                 "LEGO's devices run no programs; run it on this computer: python " + str(self.file)
             )
-        with ExitStack() as stack, closing(address.transport()) as transport:
+        transport_to_hub = address.transport(imported_hub(program))
+        with ExitStack() as stack, closing(transport_to_hub) as transport:
             out = self._without_files(sys.stdout.buffer, stack)
             return run_program(
                 transport,

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Mapping
 from types import MappingProxyType
 
 from brickhub.errors import SceneError, TwinError
-from brickhub.hub.link.profiles import DEFAULT_LINK, PROFILES
+from brickhub.hub.link.profiles import usual_link
 from brickhub.robot import AnyHub, MotorKind, Robot, Sense, SensorKind, UltrasonicSensor
 from brickhub.virtual.bench_motor import BenchMotor, step_of
 from brickhub.virtual.body import Rng
@@ -66,7 +66,7 @@ class BenchBody:
         self.robot = robot
         self.battery_mv = 7200
         self.motor_friction_scale = 1.0
-        self.link = PROFILES[DEFAULT_LINK]
+        self.link = usual_link(robot.hub.model)
         self._readings = _readings_by_sense(robot, readings)
         self._kinds = {sensor.port: sensor.kind for sensor in robot.sensors}
         # Angles are given at the output but bodies turn shafts, so each motor has its number of

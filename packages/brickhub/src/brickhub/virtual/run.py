@@ -14,6 +14,8 @@ from types import FrameType
 from typing import BinaryIO, TextIO
 
 from brickhub.errors import TwinError
+from brickhub.hub.program.imported_hub import imported_hub
+from brickhub.hub.program.pybricks2 import outdated_note
 from brickhub.hub.program.run_program import (
     TIME_LIMIT_EXIT_CODE,
     check_time_limit,
@@ -21,7 +23,6 @@ from brickhub.hub.program.run_program import (
     load_program,
     time_limit_note,
 )
-from brickhub.hub.program.syntax import imported_names, parse
 from brickhub.hub.transport import HubProgram, as_typed
 from brickhub.robot import HubKind, MotorKind, SensorKind
 from brickhub.virtual import error_numbers
@@ -199,7 +200,7 @@ def run_file(
     check_time_limit(time_limit_s)
     firmware = firmware_version(operation.firmware)
     if body is None:
-        hub = _imported_hub(program)
+        hub = imported_hub(program)
         body = FittedBench(
             hub,
             operation.readings,
@@ -234,30 +235,6 @@ def run_file(
         stdout,
         stderr,
     )
-
-
-def _imported_hub(program: HubProgram) -> HubKind:
-    """The kind of hub that a program imports, or that has the devices that it imports; Prime by
-    default."""
-    kinds = {kind.model.class_name: kind for kind in HubKind}
-    kinds_by_devices: dict[str, HubKind] = {}
-    # Of hubs that share a name, or a module, the first one is meant.
-    for kind in HubKind:
-        kinds.setdefault(kind.model.alias, kind)
-        kinds_by_devices.setdefault(f"pybricks.{kind.model.devices}", kind)
-    found = HubKind.PRIME
-    module_sources = [module.source for module in program.modules]
-    for source in (program.source, *module_sources):
-        try:
-            tree = parse(source)
-        except (SyntaxError, ValueError):
-            # The hub's compiler says what is wrong, when the program runs.
-            continue
-        for module, name in imported_names(tree):
-            if module == "pybricks.hubs" and name in kinds:
-                return kinds[name]
-            found = kinds_by_devices.get(module, found)
-    return found
 
 
 def _run(
@@ -301,6 +278,9 @@ def _run(
         report += _module_hint(error, path)
         report += _typing_hint(error, program.source)
         report += _ports_hint(error, machine)
+        # Programs of Pybricks 2 are for an EV3.
+        if machine.robot.hub.model.devices == HubKind.EV3.model.devices:
+            report += outdated_note(program)
         stderr.write(report)
         return 1
     finally:

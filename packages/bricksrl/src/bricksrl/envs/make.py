@@ -412,7 +412,7 @@ def _real(
     if "calibration" not in options.options:
         task = _with_saved_red(task)
     if task.robot.hub.model.runs_programs:
-        transport = address.transport()
+        transport = address.transport(task.robot.hub)
         link = _link(
             task,
             options,

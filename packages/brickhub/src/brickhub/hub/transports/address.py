@@ -7,10 +7,11 @@ import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from brickhub.errors import UnknownNameError, hint
+from brickhub.errors import DescriptionError, UnknownNameError, hint
 
 if TYPE_CHECKING:
     from brickhub.hub.transports.pybricks_hub import ProfileTransport
+    from brickhub.robot import AnyHub
 
 VIRTUAL = "virtual"
 _REAL = ("ble", "usb")
@@ -40,9 +41,15 @@ class HubAddress:
     def is_virtual(self) -> bool:
         return self.medium == VIRTUAL
 
-    def transport(self) -> ProfileTransport:
-        """An unopened transport to the hub. Raises UnknownNameError if the hub is virtual, and
-        needs a robot."""
+    def transport(self, kind: AnyHub | None = None) -> ProfileTransport:
+        """An unopened transport to the hub, which is of this kind if that is known. Raises
+        UnknownNameError if the hub is virtual, and needs a robot, DescriptionError if that kind is
+        not reached so."""
+        if kind is not None and self.medium == "ble" and not kind.model.has_bluetooth:
+            raise DescriptionError(
+                f"Pybricks on an {kind.value.upper()} Brick has no Bluetooth to a computer yet; "
+                "plug its cable in, and say --hub usb"
+            )
         if self.medium == "usb":
             from brickhub.hub.transports.usb import UsbTransport
 

@@ -39,6 +39,7 @@ NEWEST_PROFILE = (1, 7)
 _PEAK_PREFIX = "Peak-"
 """Begins the names of PeakHubs, of Sciurus Robotics, which run programs for a Prime hub
 (``sciro.hubs``, scirodev 0.7.7)."""
+_NXT = 0xE1
 _KINDS = {kind.model.product_id: kind for kind in HubKind}
 _STATUS_REPORT = struct.Struct("<IxB")
 """Flags, the program's id, and the slot."""
@@ -190,6 +191,11 @@ def parse_version(data: bytes) -> tuple[int, int]:
     return int(match[1]), int(match[2])
 
 
+def kind_of(product: int) -> HubKind | None:
+    """Kind of hub of a product; ``None`` if there is none of ours."""
+    return _KINDS.get(product)
+
+
 def parse_hub_kind(pnp_id: bytes, name: str = "") -> HubKind:
     """Kind of hub from its plug-and-play id, or its name. Raises HubProtocolError if neither is
     that of a known hub."""
@@ -202,6 +208,11 @@ def parse_hub_kind(pnp_id: bytes, name: str = "") -> HubKind:
         raise HubProtocolError(
             f"the hub's product id is {pnp_id.hex()}; choose another device"
         ) from None
+    if (vendor, product) == (LEGO_COMPANY_ID, _NXT):
+        raise HubProtocolError(
+            "it is an NXT brick, whose memory of 64 KB has no room for our programs; choose "
+            "another hub"
+        )
     if vendor != LEGO_COMPANY_ID or product not in _KINDS:
         raise HubProtocolError(
             f"the device is product 0x{product:02x} of company 0x{vendor:04x}, not a LEGO hub; "

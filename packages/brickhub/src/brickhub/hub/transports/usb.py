@@ -28,6 +28,7 @@ from brickhub.hub.transports import profile
 from brickhub.hub.transports.connection import Port
 from brickhub.hub.transports.profile import refusal
 from brickhub.hub.transports.pybricks_hub import ProfileTransport
+from brickhub.robot import HubKind
 
 FRAME_END = 0x02
 _HIGH_PRIORITY = 0x01
@@ -129,8 +130,8 @@ class Framer:
 
 
 _LEGO_VENDOR = 0x0694
-_PRODUCTS = {0x0009: 0x81, 0x0010: 0x81, 0x000D: 0x83}
-"""USB product to Pybricks product: SPIKE Prime, Robot Inventor, SPIKE Essential."""
+_PRODUCTS = {0x0009: 0x81, 0x0010: 0x81, 0x000D: 0x83, 0x0005: 0xE2, 0x0002: 0xE1}
+"""USB product to Pybricks product: SPIKE Prime, Robot Inventor, SPIKE Essential, EV3, NXT."""
 _READ_S = 0.05
 """Longest wait of the reading thread for a byte; then it looks whether the port is to be closed."""
 _LAST_READ_S = 1.0
@@ -188,6 +189,11 @@ class UsbHub:
     device: str
     address: str
     product: int = 0
+
+    @property
+    def kind(self) -> HubKind | None:
+        """Its kind; ``None`` if unknown."""
+        return profile.kind_of(_PRODUCTS.get(self.product, 0))
 
 
 def list_usb_hubs() -> list[UsbHub]:

@@ -1,0 +1,198 @@
+"""Strangers' programs for an EV3: how each ends on the virtual brick, and whether that is how it
+ends on a real one.
+
+    python -m benchmarks ev3_programs FOLDER
+
+The folder has a folder for each repository, such as ``mkoeda+LEGO_Python``, as they are cloned:
+those of ``ev3_programs.csv``. A program counts if it, or a module beside it that it imports,
+imports ``pybricks``, and neither a hub of Powered Up. Each runs in a process of its own, on the
+bench with all devices that it asks for, without input, for 10 simulated seconds. The result has
+counts and the firmware's words only, nothing of the files themselves.
+
+What a brick does is said by the firmware's own tables of names (v4.1.0b2, ``pb_module_*.c`` with
+the options of ``bricks/ev3/mpconfigport.h``): the first import statement of a program that names
+something that is not in them raises, and no program ends by another ImportError.
+"""
+
+from __future__ import annotations
+
+import ast
+import hashlib
+import re
+import subprocess
+import sys
+from collections import Counter
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+from benchmarks.session import Session
+from brickhub.hub.program.pybricks2 import outdated
+from brickhub.hub.program.run_program import load_program
+from brickhub.hub.program.syntax import imported_names, parse
+from brickhub.hub.transport import HubProgram
+
+TIME_LIMIT_S = 10.0
+_TIMEOUT_S = 120.0
+_POWERED_UP = {"PrimeHub", "InventorHub", "EssentialHub", "TechnicHub", "CityHub", "MoveHub"}
+# Names of the firmware's modules on an EV3.
+NAMES: dict[str, set[str]] = {
+    "pybricks": {"version"},
+    "pybricks.hubs": {"EV3Brick", "ThisHub", "PrimeHub"},
+    "pybricks.ev3devices": {
+        *("Motor", "ColorSensor", "GyroSensor", "InfraredSensor", "TouchSensor"),
+        *("UltrasonicSensor", "ForceSensor"),
+    },
+    "pybricks.nxtdevices": {
+        *("Motor", "TouchSensor", "LightSensor", "ColorSensor", "UltrasonicSensor"),
+        *("TemperatureSensor", "SoundSensor", "EnergyMeter", "VernierAdapter"),
+    },
+    "pybricks.iodevices": {
+        *("AnalogSensor", "DCMotor", "I2CDevice", "LUMPDevice", "PUPDevice", "UARTDevice"),
+    },
+    "pybricks.parameters": {
+        *("Axis", "Button", "Color", "Direction", "Font", "Icon", "Image", "ImageFile", "Port"),
+        *("Side", "Stop"),
+    },
+    "pybricks.robotics": {"Car", "DriveBase"},
+    "pybricks.tools": {
+        *("wait", "StopWatch", "multitask", "run_task", "read_input_byte", "Matrix", "vector"),
+        *("cross", "Axis", "AppData"),
+    },
+    "pybricks.messaging": {"AppData", "bluetooth_scan"},
+    "pybricks.experimental": {"hello_world"},
+}
+NAMES["pybricks.pupdevices"] = NAMES["pybricks.ev3devices"]
+NAMES["pybricks.geometry"] = NAMES["pybricks.tools"]
+_MODULES = {
+    *("sys", "select", "struct", "math", "random", "json", "io", "errno", "gc", "micropython"),
+    *("usys", "uselect", "ustruct", "umath", "urandom", "ujson", "uio", "uerrno"),
+}
+
+
+def is_for_ev3(program: HubProgram) -> bool:
+    """Whether a program is one for an EV3 with Pybricks."""
+    uses_pybricks = False
+    for source in (program.source, *(module.source for module in program.modules)):
+        try:
+            tree = parse(source)
+        except (SyntaxError, ValueError):
+            uses_pybricks = uses_pybricks or re.search(r"(?m)^from pybricks", source) is not None
+            continue
+        for module, name in imported_names(tree):
+            if module == "pybricks.pupdevices" or name in _POWERED_UP:
+                return False
+            uses_pybricks = uses_pybricks or module.partition(".")[0] == "pybricks"
+    return uses_pybricks
+
+
+def import_error(program: HubProgram) -> str:
+    """The ImportError by which a brick ends the program; empty if its imports are all there."""
+    own = {module.name: module.source for module in program.modules}
+    return next(_import_errors(program.source, own, set()), "")
+
+
+def _import_errors(source: str, own: dict[str, str], seen: set[str]) -> Iterator[str]:
+    try:
+        tree = parse(source)
+    except (SyntaxError, ValueError):
+        return
+    # A function imports only when it is called.
+    for node in tree.body:
+        pairs = imported_names(node) if isinstance(node, ast.Import | ast.ImportFrom) else ()
+        for module, name in pairs:
+            if module in own:
+                if module not in seen:
+                    seen.add(module)
+                    yield from _import_errors(own[module], own, seen)
+            elif module not in NAMES and module not in _MODULES:
+                yield f"ImportError: no module named '{module}'"
+            elif module in NAMES and name not in ("", "*") and name not in NAMES[module]:
+                yield f"ImportError: can't import name {name}"
+
+
+def run(path: Path) -> dict[str, Any]:
+    """How a program ends on the virtual brick."""
+    command = [sys.executable, "-m", "brickhub", "run", str(path)]
+    command += ["--time-limit-s", str(TIME_LIMIT_S)]
+    try:
+        done = subprocess.run(  # noqa: S603 - our own command
+            command, stdin=subprocess.DEVNULL, capture_output=True, timeout=_TIMEOUT_S, check=False
+        )
+    except subprocess.TimeoutExpired:
+        return {"end": "no end", "line": 0}
+    text = done.stderr.decode("utf-8", "replace")
+    lines = text.splitlines()
+    if done.returncode == 0:
+        return {"end": "ends", "line": 0}
+    if "at the time limit" in text:
+        return {"end": "runs on", "line": 0}
+    if "Traceback (most recent call last)" not in text:
+        # What we refuse ourselves is one line.
+        return {"end": "refused", "says": lines[-1] if lines else "", "line": 0}
+    if f'File "{Path(brickhub_folder())}' in text:
+        return {"end": "our traceback", "says": lines[-1], "line": 0}
+    numbers = re.findall(r"(?m)^  File .*, line (\d+)", text)
+    is_error = re.compile(r"[A-Z]\w*(Error|Exit|Interrupt|Iteration)?(:|$)")
+    says = next((line for line in lines if is_error.match(line)), "")
+    return {"end": "raises", "says": says, "line": int(numbers[-1]) if numbers else 0}
+
+
+def brickhub_folder() -> str:
+    """Folder of our own code."""
+    import brickhub
+
+    return str(Path(brickhub.__file__).parent)
+
+
+def look(path: Path) -> dict[str, Any]:
+    """How a program ends, and what is said of it."""
+    program = load_program(path)
+    found = run(path)
+    expected = import_error(program)
+    old = outdated(program)
+    unused = sum(one.instead.startswith("nothing here uses it") for one in old)
+    found |= {"expected": expected, "old_lines": len(old), "unused": unused}
+    # The line of the error is among those that are named, unless nothing old is on it.
+    said = str(found.get("says", ""))
+    is_import = said.startswith("ImportError")
+    found["as_on_brick"] = said == expected if expected or is_import else True
+    return found
+
+
+def main(session: Session) -> None:
+    """Run all and write the counts."""
+    parser = session.parser
+    parser.add_argument("folder", type=Path, help="folder with the cloned repositories")
+    folder: Path = session.parse().folder
+    paths = []
+    for path in sorted(folder.rglob("*.py")):
+        if is_for_ev3(load_program(path)):
+            paths.append(path)
+    rows: dict[str, dict[str, Any]] = {}
+    with ThreadPoolExecutor(session.jobs or 1) as pool:
+        for path, found in zip(paths, pool.map(look, paths), strict=True):
+            # A file is named by its digest: its name may be that of a person.
+            digest = hashlib.sha256(path.read_bytes()).hexdigest()[:16]
+            repository = path.relative_to(folder).parts[0].replace("+", "/", 1)
+            rows[f"{repository} {digest}"] = found
+            print(path.relative_to(folder), found, flush=True)
+    found_rows = list(rows.values())
+    errors = Counter(row["says"].partition(":")[0] for row in found_rows if "says" in row)
+    result = {
+        "programs": len(rows),
+        "repositories": dict(Counter(name.partition(" ")[0] for name in rows)),
+        "ends": dict(Counter(row["end"] for row in found_rows)),
+        "errors": dict(errors),
+        "import_errors": dict(Counter(row["expected"] for row in found_rows if row["expected"])),
+        "with_old_lines": sum(row["old_lines"] > 0 for row in found_rows),
+        "old_lines": sum(row["old_lines"] for row in found_rows),
+        "unused_imports": sum(row["unused"] for row in found_rows),
+        "our_tracebacks": sum(row["end"] == "our traceback" for row in found_rows),
+        "differ": [name for name, row in rows.items() if not row["as_on_brick"]],
+        "each": rows,
+    }
+    for key in ("programs", "ends", "errors", "our_tracebacks", "with_old_lines", "differ"):
+        print(f"{key}: {result[key]}", flush=True)
+    session.write(result)
