@@ -56,6 +56,15 @@ def test_references_are_told_from_names() -> None:
     assert not any(map(is_reference, ("walker", "RunAway-v0", "mine.ldr")))
 
 
+def test_what_a_star_brings_is_no_second_robot(folder: Path) -> None:
+    (folder / "star.py").write_text(
+        "from brickhub.robot import *\nMINE = Robot('mine', HubKind.CITY)\n"
+    )
+    assert load_robot("star.py").name == "mine"
+    (folder / "ours.py").write_text("from brickhub.robot import BENCH\n")
+    assert load_robot("ours.py").name == "bench", "where there is no other"
+
+
 @pytest.mark.parametrize(
     "reference", ["one.py", "./one.py", "one.py:ONE", "one.py:SAME", "one:ONE"]
 )

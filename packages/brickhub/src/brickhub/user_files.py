@@ -195,6 +195,16 @@ def _objects_of(module: ModuleType, kind: type) -> dict[str, Any]:
     return dict(found.values())
 
 
+def _is_ours(name: str, value: object) -> bool:
+    """Whether a module of ours has this very object by this name."""
+    ours = [
+        module
+        for module_name, module in list(sys.modules.items())
+        if module_name.partition(".")[0] in HOUSES
+    ]
+    return any(vars(module).get(name) is value for module in ours)
+
+
 def _items_within(
     place: str,
     value: object,
@@ -360,8 +370,11 @@ def _only(
     missing: str,
 ) -> Any:
     """The only object of a type in a module. Raises UnknownNameError for none or several."""
-    # An object does not record which module defines it, so imported ones count too.
+    # An object does not record which module defines it, so imported ones count too, but ours do not
+    # beside the user's: `from brickhub.robot import *` brings a bench that nobody asked for.
     objects = _objects_of(module, type_)
+    own = {name: value for name, value in objects.items() if not _is_ours(name, value)}
+    objects = own or objects
     named = [name for name in objects if name.isidentifier()]
     # Objects with names go before those in a list, such as the robots of a whole class.
     names = named or list(objects)

@@ -132,8 +132,8 @@ def test_drawn_cables_and_lines_left_out_are_listed(bricktwin, tmp_path):
     )
     listed = bricktwin("plan", "parts", str(path)).out
     assert (
-        "   1 x  drawn cable or hose, without a number\nline 5 is left out: cannot place a part; "
-        "write 1,"
+        "   1 x  drawn cable, hose or chain, without a number\nline 5 is left out: "
+        "cannot place a part; write 1,"
     ) in listed
 
 

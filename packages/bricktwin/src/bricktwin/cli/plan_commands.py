@@ -152,7 +152,7 @@ class PlanParts:
                 fault = "a file that is not beside the plan"
             print_line(f"{len(unknown.lines):4} x  {unknown.number:10}{fault}")
         if plan.drawn:
-            print_line(f"{len(plan.drawn):4} x  drawn cable or hose, without a number")
+            print_line(f"{len(plan.drawn):4} x  drawn cable, hose or chain, without a number")
         _print_faults(plan)
         total = f"{counted(len(plan.parts), 'part')}, {plan.mass_g:.0f} g"
         if self.own is not None:

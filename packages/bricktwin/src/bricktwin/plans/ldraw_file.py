@@ -404,7 +404,7 @@ class Document:
                 "move it before the part it describes",
             )
         if self._synth is not None:
-            remedy = "write it after the last segment of the cable or hose"
+            remedy = "write it after the last segment of the cable, hose or chain"
             raise self._error(self._synth.line, "no 0 SYNTH END follows", remedy)
         for pair, line in self._ignored.items():
             remedy = "write it after the last line that is no part"

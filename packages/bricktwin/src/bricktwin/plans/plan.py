@@ -540,8 +540,8 @@ class _Builder:
         return None if is_part else model
 
     def _is_drawn(self, model: Model | None) -> bool:
-        """Whether a model is one drawn cable or hose, without parts of the catalogue; others draw
-        them as stretched pieces."""
+        """Whether a model is one drawn cable, hose or chain, without parts of the catalogue; others
+        draw them as stretched pieces."""
         if model is None:
             return False
         has_stretched = any(piece.is_stretched for piece in model.references)
