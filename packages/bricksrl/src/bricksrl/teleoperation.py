@@ -30,6 +30,8 @@ if TYPE_CHECKING:
 
 KEY_PAIRS = (("q", "a"), ("w", "s"), ("e", "d"), ("r", "f"), ("t", "g"), ("y", "h"))
 """Keys of each command in order: the key that raises it, and the key below that lowers it."""
+DISCARD_KEY = "c-h"
+"""Backspace, by prompt_toolkit's name for it."""
 DEAD_ZONE = 0.1
 """Position below which a stick counts as released, as it does not return to exactly 0."""
 TRIGGER_ZONE = 0.9
@@ -113,6 +115,9 @@ class KeyboardDriver:
         commands: commands of the robot.
         in_charge: drive from the start; the space bar toggles between human and policy.
         source: source of the keys; by default the terminal.
+
+    Attributes:
+        on_discard: called when Backspace is pressed.
     """
 
     def __init__(
@@ -122,6 +127,7 @@ class KeyboardDriver:
         in_charge: bool = True,
         source: Input | None = None,
     ) -> None:
+        self.on_discard: Callable[[], None] = lambda: None
         if len(commands) > len(KEY_PAIRS):
             raise DataError(
                 f"{len(commands)} commands are too many for the keyboard, which drives "
@@ -152,6 +158,8 @@ class KeyboardDriver:
                 signal.raise_signal(signal.SIGINT)
             if key == " ":
                 self.in_charge = not self.in_charge
+            if key == DISCARD_KEY:
+                self.on_discard()
             if key.lower() in self._keys:
                 index, push = self._keys[key.lower()]
                 pushes[index] = push

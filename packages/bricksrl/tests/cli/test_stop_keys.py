@@ -17,7 +17,7 @@ from prompt_toolkit.input import create_pipe_input
 from torchrl.envs import ParallelEnv
 
 import bricksrl
-from bricksrl.cli.terminal import LEGEND, EmergencyStop, stop_signals
+from bricksrl.cli.terminal import DISCARD_LEGEND, LEGEND, EmergencyStop, stop_signals
 from bricksrl.envs.env_interface import BricksEnv
 from bricksrl.errors import HubError
 
@@ -94,6 +94,20 @@ def test_p_pauses_and_resumes() -> None:
         eventually(lambda: robot.wanted == ["pause", "resume"])
         eventually(lambda: told[-1] == "goes on")
         assert not stop.is_set()
+
+
+def test_backspace_discards_where_something_is_recorded() -> None:
+    stop, told, pressed = threading.Event(), list[str](), threading.Event()
+    with (
+        create_pipe_input() as source,
+        EmergencyStop(
+            stop, told.append, keys=True, source=source, on_discard=pressed.set
+        ) as emergency_stop,
+    ):
+        emergency_stop.attach(Robot())
+        source.send_text("\x7f")
+        eventually(pressed.is_set)
+    assert told == [LEGEND, DISCARD_LEGEND] and not stop.is_set()
 
 
 def test_unreachable_robot_prints_one_line(capfd) -> None:

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import threading
 from pathlib import Path
 
 import pytest
@@ -87,6 +88,35 @@ def test_interventions_are_marked(tmp_path: Path, env) -> None:
     assert torch.equal(episodes.action[:, 0] == -0.5, ~episodes.intervention)
     assert [one.interventions for one in told] == [row.interventions for row in episodes.rows]
     assert sum(one.interventions for one in told) == int(episodes.intervention.sum()) > 0
+
+
+def test_discarded_episode_is_recorded_again(tmp_path: Path, env) -> None:
+    """From the same start; what the user did not want is not in the dataset."""
+    discard, frames, seeds = threading.Event(), [], []
+
+    def on_frame(_: TensorDictBase) -> None:
+        frames.append(1)
+        if len(frames) in (4, 9):
+            discard.set()
+
+    with Recorder(tmp_path / "set", describe(env)) as recorder:
+        told = collect(
+            env,
+            random_policy(env, 0),
+            recorder,
+            2,
+            name="random",
+            seed=3,
+            on_frame=on_frame,
+            on_episode=lambda row: seeds.append(row.about.seed),
+            discard=discard,
+        )
+    with Recorder(tmp_path / "plain", describe(env)) as recorder:
+        plain = collect(env, random_policy(env, 0), recorder, 2, name="random", seed=3)
+    assert len(told) == len(load(tmp_path / "set").rows) == 2
+    assert sum(row.length for row in told) == len(frames) - 9
+    assert seeds == [row.about.seed for row in plain], "the episodes that were asked for"
+    assert all(row.about.whole for row in told)
 
 
 def test_lost_link_keeps_recorded_steps(

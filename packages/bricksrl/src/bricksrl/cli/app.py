@@ -57,13 +57,15 @@ Examples:
             | {"run": "bricksrl.cli.hub_run:Run"},
         ),
         "data": (
-            "Datasets: inspect, repair, merge, split, import, export and share them.",
+            "Datasets: inspect, repair, merge, split, correct, import, export and share them.",
             {
                 "info": "bricksrl.cli.data:Info",
                 "check": "bricksrl.cli.data:CheckData",
                 "repair": "bricksrl.cli.data:Repair",
                 "merge": "bricksrl.cli.data:Merge",
                 "split": "bricksrl.cli.data:Split",
+                "keep": "bricksrl.cli.data:Keep",
+                "remove": "bricksrl.cli.data:Remove",
                 "plot": "bricksrl.cli.data:PlotData",
                 "import": "bricksrl.cli.data:Import",
                 "export": "bricksrl.cli.data:ExportData",

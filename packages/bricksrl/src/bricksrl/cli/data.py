@@ -1,20 +1,21 @@
-"""``bricksrl data``: inspect, check, repair, merge, split, plot, import, export and share
+"""``bricksrl data``: inspect, check, repair, merge, split, correct, plot, import, export and share
 datasets."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 from tyro.conf import Positional
 
 from brickhub.cli.terminal import print_line
-from brickhub.fields import Range
+from brickhub.fields import Count, Range
 from brickhub.files import folder_with, only_writer, quoted
 from brickhub.options import Existing, Flag, Seed, option
 from bricksrl.cli.terminal import load_learning
-from bricksrl.data.dataset import Dataset, dataset_folder, existing_dataset
-from bricksrl.data.edit import merge, salvage, split
+from bricksrl.data.csv_files import export_csv
+from bricksrl.data.dataset import Dataset, dataset_folder, existing_dataset, read_dataset
+from bricksrl.data.edit import merge, salvage, select, split
 from bricksrl.data.formats import (
     export_minari,
     import_lerobot,
@@ -23,6 +24,7 @@ from bricksrl.data.formats import (
 from bricksrl.data.integrity import check, recover
 from bricksrl.data.lerobot import is_lerobot
 from bricksrl.data.schema import FILES
+from bricksrl.data.selection import Selection
 from bricksrl.data.summary import plot, summarise
 from bricksrl.errors import DataError, counted
 from bricksrl.training.existing_run import CONFIG, POLICY
@@ -186,6 +188,65 @@ class Split:
 
 
 @dataclass(frozen=True)
+class _Conditions:
+    """The dataset, and what its episodes are chosen by; all conditions that are given count."""
+
+    dataset: DatasetArgument
+    out: Annotated[Path, option(metavar="DIR")]
+    """Folder of the new dataset, which must not exist; the old one is not changed."""
+    episodes: Annotated[str, option(metavar="0-9,12")] = ""
+    """Numbers of episodes, which begin at 0, with ranges."""
+    success: Annotated[Literal["yes", "no"] | None, option(metavar="yes|no")] = None
+    """Those in which the task was solved, or was not."""
+    whole: Annotated[Literal["yes", "no"] | None, option(metavar="yes|no")] = None
+    """Those that ran to their end, or were broken off."""
+    return_min: Annotated[float | None, option(metavar="RETURN")] = None
+    """Those with at least this return."""
+    return_max: Annotated[float | None, option(metavar="RETURN")] = None
+    """Those with at most this return."""
+    steps_min: Annotated[Count | None, option(metavar="N")] = None
+    """Those with at least so many steps."""
+    steps_max: Annotated[Count | None, option(metavar="N")] = None
+    """Those with at most so many steps."""
+
+    def _select(self, *, keep: bool) -> None:
+        given = {field.name: getattr(self, field.name) for field in fields(Selection)}
+        for name in ("success", "whole"):
+            if given[name] is not None:
+                given[name] = given[name] == "yes"
+        selection = Selection(**{name: value for name, value in given.items() if value is not None})
+        before = len(read_dataset(self.dataset).rows)
+        dataset = select(self.dataset, self.out, selection, keep=keep)
+        print_line(f"{_size(dataset)}, of {counted(before, 'episode')}: {self.out}")
+
+
+@dataclass(frozen=True)
+class Keep(_Conditions):
+    """Keep the episodes of a dataset that meet all conditions, in a new one.
+
+    Examples:
+      bricksrl data keep datasets/by_hand --episodes 0-9,12 --out datasets/good
+      bricksrl data keep datasets/walker --success yes --steps-min 20 --out datasets/solved
+    """
+
+    def execute(self) -> None:
+        self._select(keep=True)
+
+
+@dataclass(frozen=True)
+class Remove(_Conditions):
+    """Remove the episodes of a dataset that meet all conditions: the others go to a new one.
+
+    Examples:
+      bricksrl data remove datasets/by_hand --episodes 3 --out datasets/good
+      bricksrl data remove datasets/walker --whole no --out datasets/whole
+    """
+
+    def execute(self) -> None:
+        self._select(keep=False)
+
+
+@dataclass(frozen=True)
 class PlotData:
     """Plot the returns and every channel of a dataset.
 
@@ -233,20 +294,29 @@ class Import:
 
 @dataclass(frozen=True)
 class ExportData:
-    """Export a dataset to Minari's format. What reads Parquet reads the dataset itself.
+    """Export a dataset to CSV, for spreadsheets, or to Minari's format. What reads Parquet reads
+    the dataset itself.
 
-    Example:
+    Examples:
+      bricksrl data export datasets/walker --format csv --out walker.csv
+      bricksrl data export datasets/walker --format csv --out walker_csv
       bricksrl data export datasets/walker --out ~/.minari/datasets/lego/walker-v0
     """
 
     dataset: DatasetArgument
-    out: Annotated[Path, option(metavar="DIR")]
-    """Folder to write, which must not exist."""
+    out: Annotated[Path, option(metavar="PATH")]
+    """Folder to write, which must not exist; a name that ends in .csv is one file with all
+    episodes."""
+    format: Literal["minari", "csv"] = "minari"
+    """Format to write: csv has a file an episode, without images."""
 
     def execute(self) -> None:
-        load_learning()
-        export_minari(self.dataset, self.out)
-        print_line(f"minari  {self.out}")
+        if self.format == "csv":
+            export_csv(self.dataset, self.out)
+        else:
+            load_learning()
+            export_minari(self.dataset, self.out)
+        print_line(f"{self.format:7} {self.out}")
 
 
 def _look_for_shared(path: Path) -> None:

@@ -64,7 +64,8 @@ class Record:
 
     Each episode is on the disk when its line is printed. Where the link to the robot breaks, the
     recording goes on when the robot is back; that episode is kept as broken off, and does not
-    count. Ctrl-C ends the recording and keeps the whole episodes; keys and signals stop and pause
+    count. Backspace, or Discard on the page, discards the episode that goes on, and records it
+    again. Ctrl-C ends the recording and keeps the whole episodes; keys and signals stop and pause
     the robot as in training. An existing dataset is extended, if it has the same robot, environment
     and shape.
 
@@ -123,14 +124,26 @@ class Record:
             options = with_human(options, self.env)
         # All keys of a keyboard are for driving.
         keys = False if device == "keyboard" else None
+        discard = threading.Event()
+
+        def on_discard() -> None:
+            discard.set()
+            print_note("discarded; this episode is recorded again")
+
         try:
             with (
-                EmergencyStop(threading.Event(), print_note, keys=keys) as emergency_stop,
+                EmergencyStop(
+                    threading.Event(),
+                    print_note,
+                    keys=keys,
+                    on_discard=on_discard,
+                ) as emergency_stop,
                 driving(
                     device,
                     self.env,
                     task,
                     in_charge=self.policy in DEVICES,
+                    on_discard=on_discard,
                 ) as human,
                 closing(self._environment(options, human, emergency_stop)) as env,
                 filmed_env(env, self.video, f"{self.env}: {self.policy}"),
@@ -144,12 +157,15 @@ class Record:
             ):
                 emergency_stop.attach(env)
                 self._check_dataset(recorder)
+                if page is not None:
+                    page.on_discard = on_discard
                 self._collect(
                     env,
                     recorder,
                     human,
                     report,
                     page,
+                    discard,
                 )
         except (KeyboardInterrupt, StoppedError):
             raise Interrupted(f"saved {counted(count, 'whole episode')} in {self.out}") from None
@@ -212,6 +228,7 @@ class Record:
         human: Driver | None,
         report: Callable[[EpisodeRow], None],
         page: LivePage | None,
+        discard: threading.Event,
     ) -> None:
         from bricksrl.data.collect import collect
         from bricksrl.envs.env_interface import interface_of
@@ -246,6 +263,7 @@ class Record:
             name=self.policy,
             seed=self.seed,
             hub=self.robot.hub,
+            discard=discard,
             **hooks,
         )
 

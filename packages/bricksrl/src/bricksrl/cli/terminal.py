@@ -22,7 +22,7 @@ from bricksrl.envs.env_interface import BricksEnv, interface_of
 from bricksrl.envs.options import EnvOptions
 from bricksrl.envs.registry import is_simulation
 from bricksrl.errors import BricksError, RunError
-from bricksrl.teleoperation import DRIVERS, KeyboardDriver, Paced, legend
+from bricksrl.teleoperation import DISCARD_KEY, DRIVERS, KeyboardDriver, Paced, legend
 from bricktwin.twin.make_body import check_mujoco
 
 if TYPE_CHECKING:
@@ -101,6 +101,7 @@ def telling(what: str) -> Iterator[None]:
 
 STOP_KEYS = (" ", "q", "escape")
 PAUSE_KEY = "p"
+DISCARD_LEGEND = "Backspace discards this episode, and records it again"
 LEGEND = "keys: space, q or Esc stops the robot at once; p pauses it, and p again lets it go on"
 _JOIN_TIMEOUT_S = 10.0
 
@@ -125,6 +126,7 @@ class EmergencyStop:
         notify: prints a line for the user.
         keys: whether to listen to keys; by default if there is a terminal.
         source: source of the keys; by default the terminal.
+        on_discard: called when Backspace is pressed, where an episode can be discarded.
     """
 
     def __init__(
@@ -134,8 +136,10 @@ class EmergencyStop:
         *,
         keys: bool | None = None,
         source: Input | None = None,
+        on_discard: Callable[[], None] | None = None,
     ) -> None:
         self._stop = stop
+        self._on_discard = on_discard
         self._notify = notify
         self._env = BricksEnv()
         self._requests: queue.SimpleQueue[str] = queue.SimpleQueue()
@@ -166,6 +170,8 @@ class EmergencyStop:
         if self._keys:
             self._listener.enter_context(keys_heard(self._on_key, self._source))
             self._notify(LEGEND)
+            if self._on_discard is not None:
+                self._notify(DISCARD_LEGEND)
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -189,6 +195,8 @@ class EmergencyStop:
             self._requests.put("stop")
         elif key == PAUSE_KEY:
             self._requests.put("pause")
+        elif key == DISCARD_KEY and self._on_discard is not None:
+            self._on_discard()
 
     def _work(self) -> None:
         while (request := self._requests.get()) != "end":
@@ -243,9 +251,11 @@ def driving(
     task: Task,
     *,
     in_charge: bool,
+    on_discard: Callable[[], None] | None = None,
 ) -> Iterator[Driver | None]:
     """The driver of a keyboard, a gamepad or a Controller of LEGO's kits, after printing the keys'
-    meanings; ``None`` for no device. Raises DataError if the device is not available."""
+    meanings; ``None`` for no device. ``on_discard`` is called when Backspace is pressed on a
+    keyboard that drives. Raises DataError if the device is not available."""
     if device is None:
         yield None
         return
@@ -254,6 +264,9 @@ def driving(
         if device == "keyboard":
             for line in legend(commands):
                 print_line(line)
+        if isinstance(driver, KeyboardDriver) and on_discard is not None:
+            driver.on_discard = on_discard
+            print_line(DISCARD_LEGEND)
         yield Paced(driver, task.rate_hz) if is_simulation(env) else driver
 
 

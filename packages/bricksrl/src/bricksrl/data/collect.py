@@ -2,6 +2,7 @@
 steps, and their provenance."""
 
 import dataclasses
+import threading
 from collections.abc import Callable
 from datetime import UTC, datetime
 from importlib import metadata
@@ -48,6 +49,7 @@ def collect(
     on_episode: Callable[[EpisodeRow], None] = lambda _: None,
     on_frame: Callable[[TensorDictBase], None] = lambda _: None,
     on_lost: Callable[[int, BricksError], None] = lambda _steps, _error: None,
+    discard: threading.Event | None = None,
 ) -> list[EpisodeRow]:
     """Record episodes, and return their rows. An episode interrupted by a pause, an error or Ctrl-C
     is recorded up to that step.
@@ -66,6 +68,8 @@ def collect(
         on_frame: called with each step, as returned by TorchRL's ``EnvBase.step``.
         on_lost: called with the number of steps of an episode in which the link broke, and the
             error.
+        discard: set by another thread to discard the episode that is being played: it ends, is not
+            written, and is played again with the same seed; cleared here.
 
     Raises:
         HubError: the robot cannot be reached, or the link broke in each of ``TRIES`` episodes one
@@ -79,6 +83,7 @@ def collect(
     complete = 0
     # The number of links that were lost in a row changes the seed of the next try.
     lost = 0
+    discarded = threading.Event() if discard is None else discard
     while complete < episodes:
         number = len(recorder.rows)
         # The seed is made of the episode's number in the dataset, so that a recording that goes on
@@ -88,6 +93,8 @@ def collect(
         episode_seed = int(np.random.SeedSequence(words).generate_state(1)[0] >> 1)
         env.set_seed(episode_seed)
         state = env.reset()
+        # What was pressed while the robot was put back means the episode that is over.
+        discarded.clear()
         provenance = about(env, name, seed=episode_seed, hub=hub)
         steps = list[Step]()
         episode = Rollout()
@@ -104,7 +111,7 @@ def collect(
                 for step in episode.add(frame, env):
                     steps.append(step_of(step, env))
                     on_frame(step)
-                if episode.is_lost:
+                if episode.is_lost or discarded.is_set():
                     break
             is_cut = ours.is_cut
             success = None if is_cut or episode.is_lost else episode.judged(env)[0]
@@ -112,6 +119,8 @@ def collect(
             # What the robot has done is data, whatever ended the episode.
             recorder.write(steps, dataclasses.replace(provenance, whole=False))
             raise
+        if discarded.is_set():
+            continue
         is_whole = not (is_cut or episode.is_lost)
         recorder.write(steps, dataclasses.replace(provenance, success=success, whole=is_whole))
         if episode.is_lost:

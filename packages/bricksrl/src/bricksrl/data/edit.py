@@ -1,5 +1,5 @@
-"""Editing of datasets: merge, split, and salvage of a damaged one, each into a new dataset. Sources
-are never changed.
+"""Editing of datasets: merge, split, select episodes, and salvage a damaged one, each into a new
+dataset. Sources are never changed.
 
 The datasets written here have few large files, as LeRobot prefers, where a recording has one file
 per episode.
@@ -27,6 +27,7 @@ from bricksrl.data.dataset import (
 )
 from bricksrl.data.reader import EpisodeReader
 from bricksrl.data.schema import Description
+from bricksrl.data.selection import Selection
 from bricksrl.errors import DataError, counted
 
 STEPS_PER_FILE = 20_000
@@ -103,6 +104,20 @@ def split(
         # dataset.
         shutil.rmtree(first, ignore_errors=True)
         raise
+
+
+def select(source: Path, out: Path, selection: Selection, *, keep: bool = True) -> Dataset:
+    """Write the episodes that meet a selection, or with ``keep=False`` all others, to a new
+    dataset, in order. Raises DataError if the source is damaged, ``out`` exists, the selection is
+    no valid one, or no episode would be left."""
+    refuse_target(out)
+    dataset = read_dataset(source)
+    chosen = selection.choose(dataset.rows)
+    rows = [row for row in dataset.rows if (row.episode in chosen) is keep]
+    if not rows:
+        count = counted(len(dataset.rows), "episode")
+        raise DataError(f"none of {count} would be left; choose others")
+    return write_dataset(out, dataset.description, map(EpisodeReader(dataset).read, rows))
 
 
 def salvage(source: Path, out: Path) -> tuple[Dataset, list[str]]:

@@ -176,6 +176,8 @@ class LivePage(PageServer):
         driver: the human at the page; ``None`` if driving is not possible.
         policy: name of the selected policy.
         is_reset_requested: whether the user has asked for a reset, which ends the episode.
+        on_discard: called when the user discards the episode that goes on; ``None`` where nothing
+            is recorded.
     """
 
     def __init__(
@@ -200,6 +202,7 @@ class LivePage(PageServer):
             options,
         )
         self._end_run = on_stop
+        self.on_discard: Callable[[], None] | None = None
         self._halted = threading.Event()
         self._changed = threading.Event()
         self._paused = False
@@ -290,6 +293,8 @@ class LivePage(PageServer):
                 self._requested_steps = self._requested_steps + 1
             case "reset":
                 self.is_reset_requested = True
+            case "discard" if self.on_discard is not None:
+                self.on_discard()
             case "speed":
                 self._speed = chosen("speed", value, SPEEDS)
             case "policy" if self._policies:
@@ -595,6 +600,8 @@ class LivePage(PageServer):
         driver = self.driver
         self.board.update_status(**self.seats.described())
         controls = ["stop", "pause", "reset"]
+        if self.on_discard is not None:
+            controls.append("discard")
         # A real robot's time is its own, and nobody pulls it but by hand.
         if not self._is_real:
             controls += ["step", "speed", "pull"]

@@ -110,6 +110,7 @@ function show() {
   $("resume").hidden = !can.has("pause") || state !== "paused";
   $("step").hidden = !can.has("step");
   $("reset").hidden = !can.has("reset");
+  $("discard").hidden = !can.has("discard");
   for (const id of ["pause", "resume", "step"]) $(id).disabled = state === "stopped" || state === "finished";
   $("control").hidden = !["pause", "step", "reset", "speed", "policy"].some((name) => can.has(name));
   showChoices(can);

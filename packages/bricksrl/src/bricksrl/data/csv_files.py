@@ -1,0 +1,88 @@
+"""Datasets as CSV, which spreadsheets read: a row a step, and one more for what was observed after
+the last step."""
+
+import csv
+import io
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from brickhub.files import atomic_folder, write_durably
+from bricksrl.data.dataset import Dataset, Episode, EpisodeRow, read_dataset, refuse_target
+from bricksrl.data.reader import EpisodeReader
+from bricksrl.data.schema import ACTION, NEXT, OBSERVATION
+
+Cell = str | int | float
+_AFTER = ("next.reward", "next.terminated", "next.truncated", "intervention", "hub_time_s")
+"""Columns behind observation and action, by their names in the dataset."""
+_STEP_NAMES = ("reward", "terminated", "truncated", "intervention", "hub_time_s")
+
+
+def export_csv(path: Path, out: Path) -> None:
+    """Write a dataset as CSV without its images: one file where the name of ``out`` ends in
+    ``.csv``, else a folder with a file an episode, ``episode-000.csv``.
+
+    Columns: episode, step, seconds by the rate of the task, each channel of the observation before
+    the step, each of the action in -1..1, reward, terminated, truncated, intervention (1 or 0), and
+    the hub's clock after the step in seconds, empty without a hub. In an episode's last row the
+    columns behind the observation are empty.
+
+    Raises:
+        DataError: the dataset cannot be read, or ``out`` exists.
+    """
+    refuse_target(out)
+    dataset = read_dataset(path)
+    read = EpisodeReader(dataset, images=False).read
+    header = _header(dataset)
+    if out.suffix.lower() == ".csv":
+        lines = (line for row in dataset.rows for line in _lines(read(row), row, dataset))
+        write_durably(out, _text([header, *lines]))
+        return
+    with atomic_folder(out) as folder:
+        for row in dataset.rows:
+            text = _text([header, *_lines(read(row), row, dataset)])
+            (folder / f"episode-{row.episode:03}.csv").write_bytes(text)
+
+
+def _header(dataset: Dataset) -> list[str]:
+    description = dataset.description
+    observed = [f"observation.{entry.name}" for entry in description.observation]
+    acted = [f"action.{entry.name}" for entry in description.action]
+    return ["episode", "step", "seconds", *observed, *acted, *_STEP_NAMES]
+
+
+def _lines(episode: Episode, row: EpisodeRow, dataset: Dataset) -> Iterator[list[Cell]]:
+    """Rows of an episode, the one after its last step included."""
+    columns = episode.columns
+    observed = _rows_of(columns[OBSERVATION])  # [steps, n]
+    observed_last = _rows_of(columns[NEXT])[-1]
+    acted = _rows_of(columns[ACTION])  # [steps, m]
+    after = np.stack([columns[name].astype(np.float64) for name in _AFTER], axis=1)  # [steps, 5]
+    rate_hz = dataset.description.rate_hz
+    for step in range(row.length):
+        numbers = [*observed[step], *acted[step], *after[step]]
+        yield [row.episode, step, _short(step / rate_hz), *map(_short, numbers)]
+    last = [row.episode, row.length, _short(row.length / rate_hz), *map(_short, observed_last)]
+    yield [*last, *[""] * (acted.shape[1] + len(_AFTER))]
+
+
+def _rows_of(values: NDArray[np.float32]) -> NDArray[np.float32]:
+    """A column as ``[steps, n]``: of vectors of length 1 it holds plain numbers."""
+    return values.reshape(len(values), -1)
+
+
+def _short(value: float) -> Cell:
+    """A number without digits that its type does not have; empty where there is none."""
+    if np.isnan(value):
+        return ""
+    # Seven digits are all that a float32 has; a clock has more, in a float64.
+    digits = 7 if isinstance(value, np.float32) else 12
+    return f"{float(value):.{digits}g}"
+
+
+def _text(lines: Iterable[Sequence[Cell]]) -> bytes:
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows(lines)
+    return text.getvalue().encode()
