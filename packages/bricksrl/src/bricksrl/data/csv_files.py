@@ -14,10 +14,11 @@ from bricksrl.data.dataset import Dataset, Episode, EpisodeRow, read_dataset, re
 from bricksrl.data.reader import EpisodeReader
 from bricksrl.data.schema import ACTION, NEXT, OBSERVATION
 
-Cell = str | int | float
-_AFTER = ("next.reward", "next.terminated", "next.truncated", "intervention", "hub_time_s")
+Cell = str | int
+_AFTER = ("next.reward", "next.terminated", "next.truncated", "intervention")
 """Columns behind observation and action, by their names in the dataset."""
-_STEP_NAMES = ("reward", "terminated", "truncated", "intervention", "hub_time_s")
+_CLOCK = "hub_time_s"
+_STEP_NAMES = ("reward", "terminated", "truncated", "intervention", _CLOCK)
 
 
 def export_csv(path: Path, out: Path) -> None:
@@ -59,13 +60,16 @@ def _lines(episode: Episode, row: EpisodeRow, dataset: Dataset) -> Iterator[list
     observed = _rows_of(columns[OBSERVATION])  # [steps, n]
     observed_last = _rows_of(columns[NEXT])[-1]
     acted = _rows_of(columns[ACTION])  # [steps, m]
-    after = np.stack([columns[name].astype(np.float64) for name in _AFTER], axis=1)  # [steps, 5]
+    after = np.stack([columns[name] for name in _AFTER], axis=1)  # [steps, 4]
+    clock_s = columns[_CLOCK]
     rate_hz = dataset.description.rate_hz
     for step in range(row.length):
-        numbers = [*observed[step], *acted[step], *after[step]]
-        yield [row.episode, step, _short(step / rate_hz), *map(_short, numbers)]
-    last = [row.episode, row.length, _short(row.length / rate_hz), *map(_short, observed_last)]
-    yield [*last, *[""] * (acted.shape[1] + len(_AFTER))]
+        numbers = [step / rate_hz, *observed[step], *acted[step], *after[step]]
+        texts = [_text_of(number) for number in numbers]
+        yield [row.episode, step, *texts, _text_of(clock_s[step], 10)]
+    numbers = [row.length / rate_hz, *observed_last]
+    empty = [""] * (acted.shape[1] + len(_AFTER) + 1)
+    yield [row.episode, row.length, *(_text_of(number) for number in numbers), *empty]
 
 
 def _rows_of(values: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -73,13 +77,9 @@ def _rows_of(values: NDArray[np.float32]) -> NDArray[np.float32]:
     return values.reshape(len(values), -1)
 
 
-def _short(value: float) -> Cell:
-    """A number without digits that its type does not have; empty where there is none."""
-    if np.isnan(value):
-        return ""
-    # Seven digits are all that a float32 has; a clock has more, in a float64.
-    digits = 7 if isinstance(value, np.float32) else 12
-    return f"{float(value):.{digits}g}"
+def _text_of(number: float, digits: int = 7) -> str:
+    """A number with the digits that a float32 has, or others; empty where there is none."""
+    return "" if np.isnan(number) else f"{float(number):.{digits}g}"
 
 
 def _text(lines: Iterable[Sequence[Cell]]) -> bytes:
