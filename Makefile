@@ -60,7 +60,7 @@ demo: $(INSTALLED)
 
 docs: $(INSTALLED)
 	$(BIN)/python -m sphinx --fail-on-warning --keep-going -q -b html docs build/docs
-	$(BIN)/bricktwin site --out build/docs/tab || echo "The documentation has no robot in the tab."
+	$(BIN)/bricktwin site --out build/docs/tab --policies docs/hub_programs || echo "The documentation has no robot in the tab."
 	@echo "build/docs/index.html"
 
 check: $(INSTALLED)

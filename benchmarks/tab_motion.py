@@ -4,8 +4,8 @@ JavaScript build, else Python's, of any version. A script, for :mod:`benchmarks.
     python tab_motion.py ASKED
 
 ASKED is a file of JSON: ``files`` (paths of robots' files, by name), ``starts`` (seeds),
-``duration_s``, and ``program``, a hub program that is run in place of swinging voltages. It prints
-a line of JSON for each robot and start.
+``duration_s``, ``program``, a hub program that is run in place of swinging voltages, and ``bench``,
+how often it runs on the bench. It prints a line of JSON for each robot and start.
 """
 
 import io
@@ -94,7 +94,7 @@ def move(body: TwinBody, duration_s: float) -> dict[str, Any]:
     return {"positions": positions, "means": means}
 
 
-def run(body: TwinBody, program: str, duration_s: float) -> dict[str, Any]:
+def run(body: TwinBody | None, program: str, duration_s: float) -> dict[str, Any]:
     """Run a hub program on a body."""
     if "compile_in_tab" in globals():
         from bricktwin.site.tab.mpy_cross import put_in_place
@@ -118,6 +118,11 @@ def main(path: str) -> None:
     """Move the robots that are asked for."""
     asked = json.loads(Path(path).read_text(encoding="utf-8"))
     duration_s = asked["duration_s"]
+    for _ in range(asked.get("bench", 0)):
+        started_s = cpu_s()
+        ran = run(None, asked["program"], duration_s)
+        about = {"robot": "bench", "cpu_s": cpu_s() - started_s}
+        sys.stdout.write(json.dumps({**about, **ran}) + "\n")
     for name, file in asked["files"].items():
         text = Path(file).read_text(encoding="utf-8")
         engine = engine_of(text)

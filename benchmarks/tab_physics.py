@@ -12,7 +12,8 @@ are the same on all three.
 - Against the same version: the largest difference of any position over the first second.
 - Against ours, whose contacts differ: speed, turn, and the mean reading of each sensor over the
   starts. The difference of the means is within its 95 % interval (Welch), or is listed.
-- CPU time of the Walker with a hub program that walks.
+- CPU time of the Walker with a hub program that walks, and of a program on the bench: two motors
+  and a drive base.
 
 Takes about ten minutes. It needs Node.js and npm.
 """
@@ -82,6 +83,20 @@ while True:
     pitch, roll = hub.imu.tilt()
     wait(20)
 """
+BENCH = """
+from pybricks.parameters import Direction, Port
+from pybricks.pupdevices import Motor
+from pybricks.robotics import DriveBase
+from pybricks.tools import wait
+
+base = DriveBase(Motor(Port.A, Direction.COUNTERCLOCKWISE), Motor(Port.B), 56, 112)
+while True:
+    base.straight(100, wait=False)
+    while not base.done():
+        wait(5)
+    base.turn(90)
+    print(base.state())
+"""
 TURNS = 4
 """Runs of the hub program on each engine, of which the first warms up; medians."""
 T_95 = 2.02
@@ -115,7 +130,8 @@ class Engines:
         """What an engine answers."""
         top = "/folder_2" if name == "tab" else str(self._folder)
         files = {robot: f"{top}/{robot}.json" for robot in asked.pop("robots")}
-        program = f"{top}/walk.py" if asked.pop("walks", False) else ""
+        name_of_program = asked.pop("program", "")
+        program = f"{top}/{name_of_program}" if name_of_program else ""
         whole = {"files": files, "program": program, **asked}
         (self._folder / "asked.json").write_text(json.dumps(whole), encoding="utf-8")
         paths = os.pathsep.join(self._houses)
@@ -177,6 +193,28 @@ def compare(tab: list[dict[str, Any]], ours: list[dict[str, Any]]) -> dict[str, 
     }
 
 
+def cost(
+    engines: Engines,
+    duration_s: float,
+    **asked: Any,
+) -> dict[str, Any]:
+    """CPU time of a hub program in a tab and here."""
+    used_s: dict[str, list[float]] = {"tab": [], "ours": []}
+    texts = set()
+    for engine, seconds in used_s.items():
+        # The first run of a process loads what the later ones have.
+        _, *moved = engines.moved(engine, duration_s=duration_s, **asked)
+        seconds += [one["cpu_s"] for one in moved]
+        texts |= {one["errors"] for one in moved}
+    medians = {engine: statistics.median(seconds) for engine, seconds in used_s.items()}
+    return {
+        "simulated_s": duration_s,
+        **{f"{engine}_cpu_s": round(value, 3) for engine, value in medians.items()},
+        "times": round(medians["tab"] / medians["ours"], 2),
+        "said": sorted(texts),
+    }
+
+
 def main(session: Session) -> None:
     """Measure, and write the result."""
     session.parser.add_argument("--python", required=True, metavar="PATH")
@@ -188,6 +226,7 @@ def main(session: Session) -> None:
             file = robot_file(description, scene)
             (folder / f"{robot}.json").write_text(json.dumps(file), encoding="utf-8")
         (folder / "walk.py").write_text(WALK, encoding="utf-8")
+        (folder / "bench.py").write_text(BENCH, encoding="utf-8")
         engines = Engines(folder, args.python)
         everything = {"robots": list(ROBOTS), "starts": starts, "duration_s": args.duration}
         tab = by_robot(engines.moved("tab", **everything))
@@ -204,20 +243,9 @@ def main(session: Session) -> None:
                 **compare(tab[robot], ours[robot]),
             }
             print(robot, robots[robot], flush=True)
-        walks: dict[str, list[float]] = {"tab": [], "ours": []}
-        texts = set()
-        asked = {"robots": ["walker"], "starts": [0] * TURNS, "duration_s": args.duration}
-        for engine, used_s in walks.items():
-            # The first run of a process loads what the later ones have.
-            _, *moved = engines.moved(engine, walks=True, **asked)
-            used_s += [one["cpu_s"] for one in moved]
-            texts |= {one["errors"] for one in moved}
-        medians = {engine: statistics.median(seconds) for engine, seconds in walks.items()}
-        walker = {
-            "simulated_s": args.duration,
-            **{f"{engine}_cpu_s": round(value, 3) for engine, value in medians.items()},
-            "times": round(medians["tab"] / medians["ours"], 2),
-            "said": sorted(texts),
-        }
-        print("walker with its program", walker, flush=True)
-        session.write({"robots": robots, "walker_with_its_program": walker})
+        starts = [0] * TURNS
+        walker = cost(engines, args.duration, program="walk.py", robots=["walker"], starts=starts)
+        bench = cost(engines, args.duration, program="bench.py", robots=[], starts=[], bench=TURNS)
+        programs = {"walker": walker, "bench": bench}
+        print(programs, flush=True)
+        session.write({"robots": robots, "programs": programs})

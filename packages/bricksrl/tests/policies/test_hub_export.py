@@ -31,6 +31,7 @@ from bricksrl.policies.hub_export import export_program
 from bricksrl.policies.hub_network import HubNetwork
 from bricksrl.training import TrainConfig, train
 from bricktwin.robots import WALKER
+from bricktwin.site.tab.plain_values import read_plain
 from bricktwin.twin.make_body import make_body
 from bricktwin.twin.physics import Physics
 
@@ -252,9 +253,35 @@ def test_what_this_computer_senses_is_refused(tmp_path: Path) -> None:
 
 
 def test_what_a_hub_cannot_know_is_refused(tmp_path: Path) -> None:
-    train(TrainConfig("Spinning-v0", "random", episodes=1, record=False, run_dir=tmp_path / "run"))
-    with pytest.raises(RunError, match="a hub by itself sees no images, and is told no goal"):
-        export_program(tmp_path / "run", tmp_path / "spin.py")
+    train(TrainConfig("Park-v0", "random", episodes=1, record=False, run_dir=tmp_path / "run"))
+    with pytest.raises(RunError, match="a hub by itself sees no images and nothing that this"):
+        export_program(tmp_path / "run", tmp_path / "park.py")
+
+
+@pytest.mark.usefixtures("quick")
+def test_a_hub_draws_its_goals_itself(tmp_path: Path) -> None:
+    path = tmp_path / "spin.py"
+    hub_export.export_own("Spinning-v0", path, hidden=(4,))
+    source = path.read_text()
+    assert source.startswith("# A network that learned Spinning-v0\n# Robot: two-wheeler\n")
+    out = io.BytesIO()
+    run_file(path, make_body(get_task("Spinning-v0").robot), stdout=out, time_limit_s=40.0)
+    drawn = [float(line.split()[6]) for line in out.getvalue().decode().splitlines()]
+    pieces = [set(drawn[start : start + 50]) for start in range(0, 200, 50)]
+    # One for each 50 steps, and not always the same.
+    assert all(len(piece) == 1 for piece in pieces)
+    assert set(drawn) == {0.0, 1.0}
+
+
+@pytest.mark.usefixtures("quick")
+def test_the_world_of_a_policy_is_beside_its_program(tmp_path: Path) -> None:
+    path = tmp_path / "away.py"
+    hub_export.export_own("RunAway-v0", path, hidden=(4,))
+    assert "\n# Robot: two-wheeler away\n" in path.read_text()
+    scene = read_plain(json.loads((tmp_path / "away.json").read_text()))
+    assert scene == get_task("RunAway-v0").scene
+    with pytest.raises(RunError, match="no policy comes with Park-v0; choose RunAway-v0"):
+        hub_export.export_own("Park-v0", tmp_path / "park.py")
 
 
 def test_a_distilled_network_acts_like_its_policy(

@@ -92,6 +92,14 @@ def load_scene(reference: str) -> Scene:
     return scene
 
 
+def scene_name(reference: str) -> str:
+    """Short name of a scene that a user names: ``mat`` of ``pictures/mat.png:fll``."""
+    file, _, named = reference.rpartition(":")
+    if is_picture(reference) or not file:
+        return Path(file or reference).stem
+    return named
+
+
 def is_picture(reference: str) -> bool:
     """Whether this names an image file, with or without its size."""
     file, _, _ = reference.rpartition(":")

@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import functools
 import http.server
+import json
+import queue
 import threading
 from collections.abc import Iterator
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
 from browser import TIMEOUT_MS, chromium
 
-from bricktwin.robots import TWO_WHEELER
+from bricktwin.robots import SCOUT, TWO_WHEELER
 from bricktwin.site.build import build_site
 from bricktwin.site.packages import SiteError
 
@@ -23,8 +26,32 @@ ROOT = Path(__file__).parents[4]
 SUB_PATH = "school/class-7"
 
 
+@dataclass
+class Site:
+    """A served site.
+
+    Attributes:
+        folder, address: of the site.
+        told: what pages of tests have posted.
+    """
+
+    folder: Path
+    address: str = ""
+    told: queue.Queue[dict[str, Any]] = field(default_factory=queue.Queue)
+
+
 class _PlainFiles(http.server.SimpleHTTPRequestHandler):
-    """No headers but those of a file server."""
+    """No headers but those of a file server; takes what a page of a test posts."""
+
+    def __init__(self, *arguments: Any, site: Site, **options: Any) -> None:
+        self._site = site
+        super().__init__(*arguments, **options)
+
+    def do_POST(self) -> None:
+        content = self.rfile.read(int(self.headers["Content-Length"]))
+        self.send_response(204)
+        self.end_headers()
+        self._site.told.put(json.loads(content))
 
     def log_message(self, *arguments: object) -> None:
         """Quiet."""
@@ -32,27 +59,34 @@ class _PlainFiles(http.server.SimpleHTTPRequestHandler):
 
 def _build(folder: Path) -> None:
     try:
-        build_site(folder, (TWO_WHEELER,), worlds=("wall",))
+        build_site(folder, (TWO_WHEELER, SCOUT), worlds=("wall", "table"))
     except SiteError as error:
         pytest.skip(str(error))
 
 
 @pytest.fixture(scope="session")
-def address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
-    """Address of a site. Skips without what it is made of."""
+def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
+    """A site on a file server. Skips without what it is made of."""
     top = tmp_path_factory.mktemp("web")
     with pytest.MonkeyPatch.context() as patch:
         # What npm fetches is the same each time; it stays until `make clean`.
         patch.setenv("XDG_CACHE_HOME", str(ROOT / "build" / "site-cache"))
         _build(top / SUB_PATH)
-    handler = functools.partial(_PlainFiles, directory=str(top))
+    site = Site(top / SUB_PATH)
+    handler = functools.partial(_PlainFiles, directory=str(top), site=site)
     server = http.server.ThreadingHTTPServer(("127.0.0.1", 0), handler)
     thread = threading.Thread(target=server.serve_forever, daemon=True)
     thread.start()
-    yield f"http://127.0.0.1:{server.server_port}/{SUB_PATH}/"
+    site.address = f"http://127.0.0.1:{server.server_port}/{SUB_PATH}/"
+    yield site
     server.shutdown()
     server.server_close()
     thread.join()
+
+
+@pytest.fixture(scope="session")
+def address(site: Site) -> str:
+    return site.address
 
 
 # Playwright has an event loop in this thread for as long as the browser is open. Other modules,

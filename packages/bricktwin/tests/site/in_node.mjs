@@ -17,7 +17,9 @@ const load = (path) => import(pathToFileURL(path).href);
 const { loadPyodide } = await load(join(modules, "pyodide/pyodide.mjs"));
 const { default: loadMujoco } = await load(join(modules, "@mujoco/mujoco/mujoco.js"));
 const here = dirname(fileURLToPath(import.meta.url));
-const { Engine } = await load(join(here, "../../src/bricktwin/site/worker/engine.js"));
+const worker = join(here, "../../src/bricktwin/site/worker");
+const { Engine } = await load(join(worker, "engine.js"));
+const { compile } = await load(join(worker, "compiler.js"));
 const MpyCross = createRequire(import.meta.url)(join(modules, "@pybricks/mpy-cross-v6/build/mpy-cross-v6.js"));
 
 const [python, mujoco] = await Promise.all([loadPyodide({ indexURL: join(modules, "pyodide") }), loadMujoco()]);
@@ -28,23 +30,8 @@ folders.forEach((folder, number) => {
 python.setStdout({ batched: (line) => console.log(line) });
 
 const compiler = new WebAssembly.Module(readFileSync(join(modules, "@pybricks/mpy-cross-v6/build/mpy-cross-v6.wasm")));
-function compile(name, source, options) {
-  let result = [1, undefined, "the compiler has ended without a word"];
-  MpyCross({
-    arguments: [...options.toJs(), name],
-    inputFileContents: source,
-    instantiateWasm(imports, receive) {
-      const instance = new WebAssembly.Instance(compiler, imports);
-      receive(instance, compiler);
-      return instance.exports;
-    },
-    callback: (status, mpy, _out, report) => (result = [status, mpy, report.join("\n")]),
-  });
-  return python.toPy(result);
-}
-
 python.globals.set("start_engine", (file) => new Engine(mujoco, JSON.parse(file)));
-python.globals.set("compile_in_tab", compile);
+python.globals.set("compile_in_tab", (name, source, options) => python.toPy(compile(MpyCross, compiler, name, source, options.toJs())));
 const cpuSeconds = () => (({ user, system }) => (user + system) / 1e6)(process.cpuUsage());
 python.globals.set("cpu_seconds", cpuSeconds);
 python.globals.set("ARGUMENTS", python.toPy(given));

@@ -3,19 +3,25 @@
 from __future__ import annotations
 
 import io
+import json
 import re
+import shutil
+from contextlib import closing
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, BinaryIO, cast
 
+import any_browser
 import pytest
 from browser import TIMEOUT_MS
 from in_page import open_program, run_program
 from test_in_browser import DATA, firmware_programs
 
+from brickhub.hub.program.program_files import ProgramFiles
 from brickhub.virtual.run import run_file
 
 if TYPE_CHECKING:
-    from playwright.sync_api import Browser, Page
+    from conftest import Site
+    from playwright.sync_api import Browser
 
 _LEAST = 300
 _HEAD = "".join(
@@ -55,43 +61,51 @@ def moves() -> list[dict[str, str]]:
     return programs
 
 
+def expected(files: dict[str, str], folder: Path) -> list[object]:
+    """Exit code, output and errors of a program on this computer."""
+    for name, source in files.items():
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_text(source, encoding="utf-8")
+    out, err = io.BytesIO(), io.StringIO()
+    # As the command does, which saves the files that a program prints.
+    with closing(ProgramFiles(out, folder, lambda _: None)) as files_out:
+        printed = cast("BinaryIO", files_out)
+        code = run_file(folder / "main.py", stdout=printed, stderr=err, time_limit_s=600)
+    return [code, out.getvalue().decode("latin-1"), err.getvalue()]
+
+
 @pytest.mark.slow
 @pytest.mark.timeout(3600)
-def test_hundreds_of_programs_print_the_same(page: Page, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("browser_name", "count"),
+    [("chromium", _LEAST), ("firefox", 50), ("webkit", 50)],
+)
+def test_programs_print_the_same_in_each_browser(
+    site: Site, browser_name: str, count: int, tmp_path: Path
+) -> None:
+    """And the page itself runs its first example there, on a robot."""
     programs = firmware_programs() + short_programs() + moves()
     assert len(programs) >= _LEAST
+    step = len(programs) // count
+    programs = programs[::step]
+    for name in ("run_programs.html", "run_programs.js"):
+        shutil.copy(Path(__file__).with_name(name), site.folder)
+    (site.folder / "programs_to_run.json").write_text(json.dumps(programs), encoding="utf-8")
+    while not site.told.empty():
+        site.told.get()
+    with any_browser.opened(browser_name, f"{site.address}run_programs.html", tmp_path / "profile"):
+        told = site.told.get(timeout=1800)
+    assert "failed" not in told, told["failed"]
+    assert told["isIsolated"]
+    assert told["visited"]["state"] == "running"
+    # Firefox has no WebGL on a computer without a screen.
+    assert told["visited"]["isDrawn"] or browser_name == "firefox"
+    assert len(told["answers"]) >= count
     different = []
-    for number, files in enumerate(programs):
-        folder = tmp_path / str(number)
-        for name, source in files.items():
-            (folder / name).parent.mkdir(parents=True, exist_ok=True)
-            (folder / name).write_text(source, encoding="utf-8")
-        out, err = io.BytesIO(), io.StringIO()
-        code = run_file(folder / "main.py", stdout=out, stderr=err, time_limit_s=600)
-        expected = [code, out.getvalue().decode("latin-1"), err.getvalue()]
-        if page.evaluate(_RUN, files) != expected:
-            different.append(files)
+    for number, (files, answer) in enumerate(zip(programs, told["answers"], strict=True)):
+        if answer != expected(files, tmp_path / str(number)):
+            different.append((files, answer))
     assert different == []
-
-
-_RUN = """async (files) => {
-    const { Hub } = await import("./hub.js");
-    const [out, err] = [[], []];
-    const start = () => new Promise((done) => {
-        const hub = window.testedHub ??= new Hub({ ready: () => done(hub) });
-        if (hub.isReady) done(hub);
-    });
-    const hub = await start();
-    return new Promise((done) => {
-        hub.on.happened = (events) => {
-            for (const { kind, text } of events) ({ out, err })[kind]?.push(text);
-        };
-        hub.on.ended = (code) => done([code, out.join(""), err.join("")]);
-        hub.on.failed = (text) => done([text]);
-        hub.run({ files, name: "main.py", readings: [], time_limit_s: 600 });
-        hub.allow(Infinity);
-    });
-}"""
 
 
 @pytest.mark.slow

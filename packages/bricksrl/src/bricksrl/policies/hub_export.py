@@ -1,6 +1,7 @@
 """Export of a policy as a program with which the hub acts by itself, tried on the virtual hub."""
 
 import itertools
+import json
 from collections.abc import Callable
 from contextlib import closing
 from dataclasses import dataclass, field
@@ -13,8 +14,7 @@ from tensordict import TensorDictBase
 
 from brickhub.files import check_writable, refuse_existing, write_durably
 from brickhub.hub.program.compile import compile_program, program_blob
-from brickhub.hub.program.generate import generate_alone
-from brickhub.hub.transport import HubProgram
+from brickhub.hub.program.generate import Goals, generate_alone
 from brickhub.search.structure import source_by
 from brickhub.seed import derive_seed
 from brickhub.virtual.interpreter import execute
@@ -23,21 +23,27 @@ from brickhub.virtual.micropython.exceptions import HostStop
 from brickhub.virtual.pybricks import modules
 from bricksrl.agents.search.structures import Oscillators, StructuredActor
 from bricksrl.envs.env_interface import interface_of
+from bricksrl.envs.make import make
 from bricksrl.envs.odometry import Odometer, SonarOdometer, TrueOdometer
 from bricksrl.envs.rollout import play_episodes
 from bricksrl.envs.task import Task
 from bricksrl.envs.transforms import base_of
 from bricksrl.errors import RunError
 from bricksrl.policies import config_of, load_policy, make_env_of
+from bricksrl.policies.by_name import TRAINED, PlainPolicy, path_of
 from bricksrl.policies.hub_network import HIDDEN, HubNetwork, distil
+from bricksrl.policies.policy import Policy
 from bricksrl.training.reproducible import reproducible
 from bricksrl.training.restore import Which
+from bricktwin.site.tab.plain_values import plain
 from bricktwin.twin.make_body import make_body
 from bricktwin.twin.physics import Physics
+from bricktwin.twin.scene import OPEN_FLOOR
 
 EPISODES = 5
 """Of the comparison, on seeds that the policy never saw."""
 _SEED = 20261126
+_LONGEST_ON_MS = 1000
 _FEWER = "give fewer hidden units, such as export_program(..., hidden=(8, 8))"
 
 
@@ -81,73 +87,140 @@ def export_program(
         WriteError: ``out`` cannot be written.
         CheckpointError: the policy is damaged.
     """
-    refuse_existing(out, RunError)
-    check_writable(out)
+    _check_free(out)
     physics = config_of(Path(path)).known_physics
     twin = {"hub": "virtual", "realtime": False, "randomize": False}
     with closing(make_env_of(Path(path), **twin)) as trained, reproducible(_SEED):
         # The hub observes what the robot does, and the policy brings its transforms.
         env = base_of(trained)
-        task = interface_of(env).task
-        if (
-            task is None
-            or task.images
-            or task.sensors
-            or task.sampled_entries
-            or task.target is not None
-            or task.client
-        ):
-            reason = (
-                "a hub by itself sees no images, and is told no goal and nothing that this "
-                "computer senses"
-            )
-            raise RunError(f"{reason}; export the policy of another task")
+        _task_of(env)
         policy = load_policy(path, env, which=which)
-        channels = task.observed_channels
-        ends_s = list[float]()
-
-        def timed(state: TensorDictBase) -> TensorDictBase:
-            # A simulation without a link has none.
-            episode = interface_of(env).episode
-            if episode is not None:
-                ends_s.append(episode.hub_time_s)
-            return policy(state)
-
-        played = play_episodes(
-            env,
-            timed,
-            EPISODES,
-            _SEED,
-            reset_policy=policy.reset,
-        )
-        before = [episode.return_ for episode in played]
-        age_ms = _age_ms(ends_s, task.interface.settle.fixed_ms)
         # A gait alone is a few lines on the hub; as a base of something else it is a part of it.
         actor = next(policy.module.children(), None) if trained is env else None
-        if isinstance(actor, StructuredActor) and isinstance(actor.structure, Oscillators):
-            kind = "gait"
-            source = source_by(actor.structure.single, actor.best.tolist())
-        else:
-            kind = "network"
-            observed = task.entries[: len(channels)]
-            network = HubNetwork(observed, len(task.interface.commands), hidden)
-            distil(env, policy, network, _SEED)
-            source = network.hub_source()
-        program = generate_alone(
-            task.robot,
-            task.interface,
-            channels,
-            source,
-            f"a {kind} that learned {task.id}",
-            age_ms,
-        )
-        blob = program_blob(compile_program(program), task.robot.hub)
+        return _export(env, policy, actor, out, physics, hidden)
+
+
+def export_own(
+    env_id: str,
+    out: Path,
+    *,
+    learned: str | None = None,
+    hidden: tuple[int, ...] = HIDDEN,
+) -> HubExport:
+    """Export the policy that comes with an environment of ours, as `export_program` does.
+
+    Args:
+        learned: environment that it has learned in, such as a simulation of this robot; by default
+            the same.
+
+    Raises:
+        RunError: as of `export_program`, or nothing comes with the environment.
+    """
+    _check_free(out)
+    learned = learned or env_id
+    if learned not in TRAINED:
+        raise RunError(f"no policy comes with {learned}; choose {', '.join(TRAINED)}")
+    twin = {"hub": "virtual", "realtime": False, "randomize": False}
+    with closing(make(env_id, **twin)) as env, reproducible(_SEED):
+        _task_of(env)
+        policy = OwnPolicy(PlainPolicy.load(path_of(learned)))
+        return _export(env, policy, None, out, None, hidden)
+
+
+class OwnPolicy:
+    """A policy of plain numbers, for TorchRL's environments and for tensors."""
+
+    def __init__(self, numbers: PlainPolicy) -> None:
+        self._numbers = numbers
+
+    def __call__(self, state: TensorDictBase) -> TensorDictBase:
+        return state.set("action", self.act(state["observation"]))
+
+    def act(self, observation: torch.Tensor) -> torch.Tensor:
+        """Action ``[*batch, m]`` for an observation ``[*batch, n]``."""
+        return torch.from_numpy(self._numbers.act(observation.numpy()))
+
+    def reset(self) -> None:
+        """It remembers nothing."""
+
+
+def _check_free(out: Path) -> None:
+    for path in (out, world_file(out)):
+        refuse_existing(path, RunError)
+    check_writable(out)
+
+
+def world_file(out: Path) -> Path:
+    """File beside a program with the world that its policy is for."""
+    return out.with_suffix(".json")
+
+
+def _task_of(env: Any) -> Task:
+    """The task of an environment. Raises RunError if a hub by itself cannot know what it
+    observes."""
+    task = interface_of(env).task
+    if task is None or task.images or task.sensors or task.target is not None or task.client:
+        reason = "a hub by itself sees no images and nothing that this computer senses"
+        raise RunError(f"{reason}; export the policy of another task")
+    return task
+
+
+def _export(
+    env: Any,
+    policy: Policy | OwnPolicy,
+    actor: Any,
+    out: Path,
+    physics: Physics | None,
+    hidden: tuple[int, ...],
+) -> HubExport:
+    """Write a policy as a program, and try it."""
+    task = _task_of(env)
+    channels = task.observed_channels
+    ends_s = list[float]()
+
+    def timed(state: TensorDictBase) -> TensorDictBase:
+        # A simulation without a link has none.
+        episode = interface_of(env).episode
+        if episode is not None:
+            ends_s.append(episode.hub_time_s)
+        return policy(state)
+
+    played = play_episodes(
+        env,
+        timed,
+        EPISODES,
+        _SEED,
+        reset_policy=policy.reset,
+    )
+    before = [episode.return_ for episode in played]
+    age_ms = _age_ms(ends_s, task.interface.settle.fixed_ms)
+    if isinstance(actor, StructuredActor) and isinstance(actor.structure, Oscillators):
+        kind = "gait"
+        source = source_by(actor.structure.single, actor.best.tolist())
+    else:
+        kind = "network"
+        observed = task.entries[: len(channels) + len(task.sampled_entries)]
+        network = HubNetwork(observed, len(task.interface.commands), hidden)
+        distil(env, policy, network, _SEED)
+        source = network.hub_source()
+    has_world = task.scene != OPEN_FLOOR
+    program = generate_alone(
+        task.robot,
+        task.interface,
+        channels,
+        source,
+        f"a {kind} that learned {task.id}",
+        age_ms,
+        goals_of(task),
+        out.stem if has_world else "",
+    )
+    blob = program_blob(compile_program(program), task.robot.hub)
     # The program itself, in the virtual hub, which counts its time and its memory.
     alone = []
     for number in range(EPISODES):
         alone.append(
             play_alone(
-                program,
+                program.source,
                 task,
                 physics,
                 derive_seed(_SEED, "hub", number),
@@ -161,6 +234,9 @@ def export_program(
     if len(blob) + heap_bytes > task.robot.hub.model.program_bytes:
         raise RunError(f"the program and its objects need {len(blob) + heap_bytes} bytes; {_FEWER}")
     write_durably(out, program.source.encode())
+    if has_world:
+        world = json.dumps(plain(task.scene), separators=(",", ":"))
+        write_durably(world_file(out), f"{world}\n".encode())
     policy_return = fmean(before)
     hub_return = fmean(episode.return_ for episode in alone)
     return HubExport(
@@ -172,6 +248,19 @@ def export_program(
         policy_return,
         hub_return,
     )
+
+
+def goals_of(task: Task) -> Goals | None:
+    """What the hub draws itself, as nobody tells it a goal."""
+    if not task.sampled_entries:
+        return None
+    ranges: list[tuple[float, float]] = []
+    for entry in task.sampled_entries:
+        # Whole numbers stay whole, by which the hub knows how to draw them.
+        is_whole = entry.whole
+        low, high = (int(entry.low), int(entry.high)) if is_whole else (entry.low, entry.high)
+        ranges.append((low, high))
+    return Goals(tuple(ranges), task.max_steps)
 
 
 def _age_ms(ends_s: list[float], step_ms: int | None) -> int:
@@ -224,7 +313,7 @@ class Alone:
         """Take the reward of the step that ended with these numbers, if they are not the first.
         Raises _Over at the end."""
         task = self.task
-        count = len(self.task.observed_channels)
+        count = len(task.observed_channels) + len(task.sampled_entries)
         commands = task.interface.commands
         self.computing_ms = max(self.computing_ms, round(numbers[0]))
         self.heap_bytes = max(self.heap_bytes, self.heap())
@@ -253,7 +342,7 @@ class Alone:
 
 
 def play_alone(
-    program: HubProgram,
+    source: str,
     task: Task,
     physics: Physics | None,
     seed: int,
@@ -267,6 +356,8 @@ def play_alone(
         seed=seed,
     )
     machine = Machine(body)
+    # A hub draws by the time that it has been on.
+    machine.advance(seed % _LONGEST_ON_MS)
     pose = getattr(body, "pose", None)
     odometer = SonarOdometer(task.interface) if pose is None else TrueOdometer(pose, 0.0)
     episode = Alone(task, machine, odometer)
@@ -274,8 +365,8 @@ def play_alone(
     episode.heap = importable["gc"].mem_alloc
     try:
         execute(
-            program.source,
-            program.name,
+            source,
+            "main.py",
             importable,
             episode,
         )

@@ -17,16 +17,17 @@ from brickhub.user_files import check_there
 @dataclass(frozen=True)
 class MakeSite:
     """Make a folder of plain files that is a site: a hub, robots and their physics, in a browser's
-      tab.
+    tab.
 
-      Put the folder on any web space (https), or on a stick, where `python serve.py` in it starts
-      site. It needs no other server, and works offline after the first visit. npm (Node.js) fetches
-      what it is made of, once.
+    Put the folder on any web space (https), or on a stick, where `python serve.py` in it starts
+    site. It needs no other server, and works offline after the first visit. npm (Node.js) fetches
+    what it is made of, once.
 
-      Examples:
-        bricktwin site --out site
-        bricktwin site --out site --robot my_robot.ldr
-    bricktwin site --out site --policies exported
+    Examples:
+      bricktwin site --out site
+      bricktwin site --out site --robot my_robot.ldr
+      bricktwin site --out site --policies exported
+      bricktwin site --out site --scene mat.png:fll
     """
 
     out: Annotated[Path, option(metavar="FOLDER")]
@@ -34,6 +35,11 @@ class MakeSite:
     policies: Annotated[Path | None, option(metavar="FOLDER")] = None
     """Folder of hub programs, NAME.py, as `bricksrl export --format hub` writes them, that are
     offered beside ours."""
+    scene: Annotated[
+        UseAppendAction[tuple[str, ...]], option(metavar="SCENE"), Existing(check_there)
+    ] = ()
+    """World for robots that drive, beside ours: a picture with its size, mat.png:1000x700 or
+    mat.png:fll, or my_scene.py:MAT. May be repeated."""
 
     robot: Annotated[
         UseAppendAction[tuple[str, ...]], option(metavar="ROBOT"), Existing(check_there)
@@ -45,9 +51,11 @@ class MakeSite:
         from brickhub.target import find
         from bricktwin.site.build import build_site
         from bricktwin.site.robots import OWN
+        from bricktwin.target import load_scene, scene_name
 
         own = [find(name).robot for name in self.robot]
-        files = build_site(self.out, (*own, *OWN), self.policies)
+        scenes = {scene_name(reference): load_scene(reference) for reference in self.scene}
+        files = build_site(self.out, (*own, *OWN), self.policies, scenes=scenes)
         size_mb = sum(path.stat().st_size for path in files) / 1e6
         print_line(f"{self.out}: {counted(len(files), 'file')}, {size_mb:.1f} MB")
         print_line(f"start it: python {self.out / 'serve.py'}")

@@ -1,21 +1,23 @@
 """Folder of the site: pages, scripts, runtimes, the houses of this project, programs and robots."""
 
 import hashlib
+import json
 import re
 import shutil
 import tempfile
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 from brickhub.robot import Robot
-from bricktwin.site.houses import houses
 from bricktwin.site.names import bluetooth_names, device_table, pybricks_names
 from bricktwin.site.packages import SiteError
 from bricktwin.site.robots import OWN, write_robots
 from bricktwin.site.runtimes import put_runtimes
 from bricktwin.site.storing import write_json
+from bricktwin.site.tab.plain_values import read_plain
+from bricktwin.twin.scene import Scene
 from bricktwin.view.script import FOLDER as VIEW
-from bricktwin.worlds import WORLDS
+from bricktwin.worlds import WORLDS, world
 
 _HERE = Path(__file__).parent
 STATIC = _HERE / "static"
@@ -35,14 +37,17 @@ def build_site(
     robots: Sequence[Robot] = OWN,
     policies: Path | None = None,
     worlds: Sequence[str] = tuple(WORLDS),
+    scenes: Mapping[str, Scene] | None = None,
 ) -> list[Path]:
     """Make a site in a folder, which is new, empty, or a site that is replaced.
 
     Args:
         out: the folder.
         robots: those that can be chosen, the first one at first.
-        policies: folder of hub programs, ``NAME.py``, that are offered beside ours.
+        policies: folder of hub programs, ``NAME.py``, that are offered beside ours, and of the
+            worlds that they name, ``WORLD.json``.
         worlds: those that can be chosen for robots that drive, beside the open floor.
+        scenes: further worlds for these, by name, such as a user's picture as the floor.
 
     Returns:
         All files of the site.
@@ -52,14 +57,16 @@ def build_site(
         TwinError: a robot has no model.
     """
     check_folder(out)
+    offered = programs(policies)
+    drivers_worlds = {name: world(name) for name in worlds} | dict(scenes or {})
     with tempfile.TemporaryDirectory(prefix="bricktwin-site-") as folder:
         fresh = Path(folder) / "site"
         fresh.mkdir()
         _copy_pages(fresh)
         put_runtimes(fresh)
-        (fresh / "houses.zip").write_bytes(houses())
-        write_json(fresh / "robots.json", write_robots(fresh, robots, worlds))
-        write_json(fresh / "programs.json", programs(policies))
+        index = write_robots(fresh, robots, drivers_worlds, _named_worlds(offered, policies))
+        write_json(fresh / "robots.json", index)
+        write_json(fresh / "programs.json", offered)
         write_json(fresh / "pybricks.json", pybricks_names())
         write_json(fresh / "devices.json", device_table())
         write_json(fresh / "bluetooth.json", bluetooth_names())
@@ -113,6 +120,30 @@ def programs(policies: Path | None) -> list[dict[str, str]]:
         if not files:
             raise SiteError(f"{policies} has no programs; put exported ones there, NAME.py")
         found += _described(files)
+    return found
+
+
+def _named_worlds(
+    offered: Iterable[Mapping[str, str]],
+    policies: Path | None,
+) -> dict[str, dict[str, Scene]]:
+    """Worlds that programs bring with them, by robot and name."""
+    found: dict[str, dict[str, Scene]] = {}
+    for program in offered:
+        name = program["world"]
+        file = None if policies is None else policies / f"{name}.json"
+        if name in WORLDS or file is None or not file.is_file():
+            continue
+        try:
+            scene = read_plain(json.loads(file.read_text(encoding="utf-8")))
+        except (ValueError, KeyError, TypeError):
+            scene = None
+        if not isinstance(scene, Scene):
+            raise SiteError(
+                f"{file} is not the world of a policy; `bricksrl export --format hub` writes it "
+                "beside the program"
+            )
+        found.setdefault(program["robot"], {})[name] = scene
     return found
 
 

@@ -1,6 +1,6 @@
 """Robots of a site: for each robot and world a file with its physics and how it is drawn."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +16,7 @@ from bricktwin.twin.mujoco_body import MujocoBody
 from bricktwin.twin.scene import OPEN_FLOOR, Scene
 from bricktwin.view.body_drawing import drawing_of
 from bricktwin.view.drawing_of_body import poses
-from bricktwin.worlds import WORLDS, world
+from bricktwin.worlds import world
 
 OWN = (TWO_WHEELER, WALKER, SCOUT, ROBO_ARM)
 _TITLES = {"two-wheeler": "2Wheeler", "walker": "Walker", "scout": "Scout", "robo-arm": "RoboArm"}
@@ -30,7 +30,8 @@ _WITHOUT_WHEELS = ("wall",)
 def write_robots(
     site: Path,
     robots: Sequence[Robot],
-    worlds_of_drivers: Sequence[str] = tuple(WORLDS),
+    worlds_of_drivers: Mapping[str, Scene],
+    further: Mapping[str, Mapping[str, Scene]],
 ) -> list[dict[str, Any]]:
     """Write the files of robots into a site; returns its index: name and title of each robot, and
     name, title and file of each of its worlds, with what it can learn there. Raises TwinError if a
@@ -39,15 +40,17 @@ def write_robots(
     Args:
         site: its folder.
         robots: to be offered.
-        worlds_of_drivers: worlds for robots that drive, beside the open floor.
+        worlds_of_drivers: worlds for robots that drive, beside the open floor, by name.
+        further: worlds of single robots, by the robot's name and their own.
     """
     index = []
     for robot in robots:
         worlds: dict[str, Scene] = {_OPEN: OPEN_FLOOR}
         if robot.drive_base is not None:
-            worlds.update({name: world(name) for name in worlds_of_drivers})
+            worlds.update(worlds_of_drivers)
         elif robot.needs_imu:
             worlds.update({name: world(name) for name in _WITHOUT_WHEELS})
+        worlds.update(further.get(robot.name, {}))
         folder = f"robots/{as_file_name(robot.name)}"
         (site / folder).mkdir(parents=True)
         index.append(
@@ -55,6 +58,8 @@ def write_robots(
                 "name": robot.name,
                 "title": _TITLES.get(robot.name, robot.name),
                 "meshes": f"{folder}/meshes.json",
+                # Only these are offered a floor of the user's own.
+                "drives": robot.drive_base is not None,
                 "worlds": _write_worlds(site, folder, robot, worlds),
             }
         )
@@ -86,7 +91,7 @@ def _write_worlds(
         ]
         if name != _OPEN:
             described["view"].update(_BEHIND)
-        title = name.replace("-", " ")
+        title = name.replace("-", " ").replace("_", " ")
         path = f"{folder}/{as_file_name(name)}.json"
         write_packed_json(site / path, {"robot": file, "drawing": described, "start": _start(body)})
         lesson = lesson_for(robot, name)

@@ -10,6 +10,7 @@ import hashlib
 from collections import Counter
 from collections.abc import Sequence
 from importlib import resources
+from typing import NamedTuple
 
 from brickhub.entry import Entry
 from brickhub.errors import DescriptionError, ProgramError
@@ -33,6 +34,18 @@ TILT_DEG = 35.0
 """Default pitch or roll that ends a trial."""
 _MAX_SETTLE_MS = 60_000
 """Longest step, shorter than the 65.5 s after which the hub's clock wraps on the wire."""
+
+
+class Goals(NamedTuple):
+    """Numbers of an observation that the hub draws itself, where nobody gives it a goal.
+
+    Attributes:
+        ranges: lowest and highest value of each; whole numbers are drawn between two ``int``.
+        steps: steps after which they are drawn anew.
+    """
+
+    ranges: tuple[tuple[float, float], ...]
+    steps: int
 
 
 def validate(robot: Robot, interface: Interface) -> None:
@@ -166,6 +179,8 @@ def generate_alone(
     policy: str,
     origin: str,
     age_ms: int,
+    goals: Goals | None = None,
+    world: str = "",
 ) -> HubProgram:
     """Generate a program with which ``robot`` acts by itself, without a host, until the center
     button is pressed.
@@ -173,10 +188,12 @@ def generate_alone(
     Args:
         observed: indices of the channels that the policy observes, in its order.
         policy: MicroPython that defines ``act(observed)``: actions in -1..1 for the observed
-            numbers, in their units.
+            numbers, in their units; the goals come last.
         origin: what the policy is, for the header.
         age_ms: age of an observation when its commands start, as over the link that the policy
             learned with.
+        goals: what the hub draws itself; by default nothing.
+        world: name of the world that the policy is for, which the header says.
 
     Raises:
         DescriptionError: robot and interface do not match.
@@ -185,6 +202,7 @@ def generate_alone(
     validate(robot, interface)
     policy_imports, policy = _parted(policy)
     alone_imports, alone = _onboard("alone")
+    goal_imports, goal_part = _goals(goals)
     constants = [
         *_step_constants(interface),
         f"AGE_MS = {age_ms}  # age of an observation when its commands start",
@@ -196,14 +214,18 @@ def generate_alone(
         *_joint_part(robot, interface),
         _devices(robot, interface),
         _start_moves(robot, interface),
-        _observe(interface, observed),
+        *goal_part,
+        _observe(interface, observed, " + goals()" if goals else ""),
         policy,
         _onboard("moves")[1],
         alone,
     ]
     end = f"It acts by itself, by {origin}, until the center button is pressed."
-    header = _header(robot, interface, end)
-    imports = _robot_imports(robot, interface) + policy_imports + alone_imports
+    # What names the program, and the robot that a page puts on its stage for it.
+    place = f"# Robot: {robot.name} {world}".rstrip()
+    title = f"# {origin[:1].upper()}{origin[1:]}\n{place}\n"
+    header = title + _header(robot, interface, end)
+    imports = _robot_imports(robot, interface) + policy_imports + alone_imports + goal_imports
     return HubProgram(_joined(header, imports, parts), 0, says_hello=False)
 
 
@@ -600,7 +622,23 @@ def _statements(channels: Sequence[Channel]) -> list[str]:
     return [f"    {statement}" for statement in statements if statement is not None]
 
 
-def _observe(interface: Interface, observed: Sequence[int]) -> str:
+def _goals(goals: Goals | None) -> tuple[list[str], list[str]]:
+    """Import lines and parts of a program that draws goals."""
+    if goals is None:
+        return [], []
+    imports, body = _onboard("goals")
+    constants = (
+        f"GOALS = {tuple(goals.ranges)}  # lowest and highest value; whole numbers if both are\n"
+        f"GOAL_STEPS = {goals.steps}  # steps after which they are drawn anew\n"
+    )
+    return imports, [constants, body]
+
+
+def _observe(
+    interface: Interface,
+    observed: Sequence[int],
+    added: str = "",
+) -> str:
     channels = [interface.channels[index] for index in observed]
     lines = [
         "def observe():",
@@ -608,7 +646,7 @@ def _observe(interface: Interface, observed: Sequence[int]) -> str:
         *_statements(channels),
         "    return [",
         *(f"        {channel.expression}," for channel in channels),
-        "    ]",
+        f"    ]{added}",
     ]
     return "\n".join(lines) + "\n"
 

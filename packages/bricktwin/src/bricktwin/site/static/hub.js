@@ -8,9 +8,11 @@ const REAL_LAST_MS = 15_000; // a real hub is far away: what is asked of it take
 const UNSTOPPABLE_S = 300; // without a way in, a run is computed at once, and has to end by itself
 
 export class Hub {
-  // `on`: functions ready(), happened(events, frames), ended(code), failed(text), ask(what Python wants of Bluetooth).
-  constructor(on) {
+  // `on`: functions ready(), happened(events, frames), ended(code), failed(text), ask(what Python wants of Bluetooth). `needsPhysics`:
+  // whether a robot is expected, so that MuJoCo is there when it runs.
+  constructor(on, needsPhysics = false) {
     this.on = on;
+    this.needsPhysics = needsPhysics;
     this.hasWayIn = Mailbox.isPossible();
     this.spare = null;
     this.takeWorker();
@@ -36,7 +38,8 @@ export class Hub {
     }
     worker.onmessage = ({ data }) => this.hear(entry, data);
     worker.onerror = (event) => this.hear(entry, { kind: "failed", text: event.message || "the worker has not started" });
-    worker.postMessage({ kind: "start", memory: entry.mailbox?.memory, hubMemory: entry.hubMailbox?.memory, interrupt: entry.interrupt });
+    const { mailbox, hubMailbox, interrupt } = entry;
+    worker.postMessage({ kind: "start", memory: mailbox?.memory, hubMemory: hubMailbox?.memory, interrupt, needsPhysics: this.needsPhysics });
     return entry;
   }
 
@@ -54,6 +57,7 @@ export class Hub {
   }
 
   run(request) {
+    this.needsPhysics = Boolean(request.robot);
     const entry = this.worker;
     entry.isRunning = true;
     entry.isOnHub = Boolean(request.hub);

@@ -4,14 +4,20 @@ import { Bench } from "./bench.js";
 import { Board } from "./board.js";
 import { Hub } from "./hub.js";
 import { isolate, keepForOffline } from "./isolation.js";
+import { readPicture, TABLE_MM } from "./picture.js";
 import { FAST, Player } from "./player.js";
 import { errorsOf, Printed } from "./printed.js";
+<<<<<<< HEAD
 import { linkOf, Programs, programOf, saveFile } from "./programs.js";
 import { RealHub } from "./real_hub.js";
+=======
+import { exampleOf, linkOf, Programs, programOf, saveFile } from "./programs.js";
+>>>>>>> 1a73f0e2 (Programs print the same in three browsers; a tab's Python is compiled when the site is made; own pictures as floors; the hub draws goals itself)
 import { Stage } from "./stage.js";
 import { Teach } from "./teach.js";
 
 const ROW = 8; // numbers of a frame before the poses of the robot's bodies
+const OFFLINE_AFTER_MS = 5000; // until then what the visitor sees comes first
 const byId = (id) => document.getElementById(id);
 const json = async (name) => (await fetch(name)).json();
 
@@ -28,7 +34,7 @@ async function begin() {
       if (!state.isBusy) state.set("ready");
       if (wanted) run(...wanted);
       teach?.begin();
-      keepForOffline();
+      setTimeout(keepForOffline, OFFLINE_AFTER_MS);
     },
     ask: (operation) => real.ask(operation),
     happened(events, frames) {
@@ -60,15 +66,15 @@ async function begin() {
         ? `The program was too much for this browser (${text}). Python starts again; nothing is lost.`
         : `Python could not start here (${text}). Load the page again, or try another browser: Chrome, Edge, Firefox 114 or Safari 16.4, or newer.`);
     },
-  });
+  }, programs.robot !== "bench");
   const [robots, examples] = await Promise.all([json("robots.json"), json("programs.json")]);
   const stage = new Stage({
     robot: byId("robot"), world: byId("world"), view: byId("view"), canvas: byId("scene"), metres: byId("metres"),
     follow: byId("follow"), home: byId("home"), pull: byId("pull"),
-  }, { robots, onPull: (message) => hub.send(message), onChoice: chooseRobot });
+  }, { robots, onPull: (message) => hub.send(message), onChoice: chooseRobot, onPicture: () => byId("picture").showModal() });
   // The robot is there first: it is looked at while Python and the editor come.
-  const isNew = !programs.current;
-  if (isNew) Object.assign(programs, { robot: examples[0].robot, world: examples[0].world });
+  const isNew = !programs.current, linked = exampleOf(location.hash, examples), first = linked ?? examples[0];
+  if (isNew || linked) Object.assign(programs, { robot: first.robot, world: first.world });
   const shown = stage.choose(programs.robot, programs.world);
   const [names, devices, { Editor }] = await Promise.all([json("pybricks.json"), json("devices.json"), import("./editor.js")]);
   await shown;
@@ -144,7 +150,11 @@ async function begin() {
     board.sound.allow();
     player.clear(ROW + stage.width);
     state.set("running");
+<<<<<<< HEAD
     hub.run({ robot: stage.file, readings: bench.settings, ...toRun() });
+=======
+    hub.run({ robot: stage.file, picture: stage.picture, files: programs.files, name: programs.current, readings: bench.settings, stdin: byId("stdin").value });
+>>>>>>> 1a73f0e2 (Programs print the same in three browsers; a tab's Python is compiled when the site is made; own pictures as floors; the hub draws goals itself)
     player.begin();
     setPaused(false);
   }
@@ -154,7 +164,7 @@ async function begin() {
     if (isReal) return real.begin("teach", request);
     if (state.isBusy || !hub.isReady) return false;
     state.set("learning");
-    hub.run({ robot: stage.file, ...request });
+    hub.run({ robot: stage.file, picture: stage.picture, ...request });
     return true;
   }
 
@@ -175,14 +185,14 @@ async function begin() {
     player.isPlaying = true;
   }
 
-  async function chooseRobot(robot, world) {
+  async function chooseRobot(robot, world, picture = null) {
     stop();
     teach.offer(null);
     Object.assign(programs, { robot, world });
     programs.keep();
     player.clear(ROW);
     try {
-      await stage.choose(robot, world);
+      await stage.choose(robot, world, picture);
       teach.offer(stage.lesson);
     } catch (error) {
       note(`This robot could not be fetched (${error.message}). Is there a network?`);
@@ -257,6 +267,20 @@ async function begin() {
     player.seek(Number(byId("scrub").value));
   };
   byId("rate").onchange = () => (player.rate = byId("rate").value === "fast" ? FAST : Number(byId("rate").value));
+  byId("picture").onclose = async () => {
+    const [file] = byId("picture-file").files;
+    if (byId("picture").returnValue !== "take" || !file) return;
+    byId("picture").returnValue = "";
+    const size_mm = byId("picture-size").value === "table" ? TABLE_MM : [Number(byId("picture-width").value)];
+    try {
+      const picture = await readPicture(file, size_mm);
+      chooseRobot(stage.robot.value, stage.worldFor(picture.size_mm), picture);
+      note("The robot stands on your picture. It is kept until this page is closed.");
+    } catch (error) {
+      note(error.message);
+    }
+  };
+  byId("picture-size").onchange = () => (byId("picture-width").parentElement.hidden = byId("picture-size").value === "table");
   byId("mute").onchange = () => (board.sound.isMuted = byId("mute").checked);
   byId("programs").onchange = () => {
     programs.current = byId("programs").value;
@@ -348,12 +372,12 @@ async function begin() {
     programs.add(shared.name ?? "shared.py", shared.source);
     history.replaceState(null, "", location.pathname + location.search);
     if (shared.robot) chooseRobot(shared.robot, shared.world ?? "");
-  } else if (isNew) programs.add(examples[0].name, examples[0].source);
+  } else if (isNew || linked) programs.add(first.name, first.source);
   showProgram();
   if (shared) note("This program came with the link. Look at it, then press Run.");
   if (!hub.hasWayIn) note("This browser, or the address (it needs https), gives no way into a running program: sliders and buttons act from the next run on.");
-  // Who comes for the first time sees what happens here; what somebody else has sent is not run unasked.
-  if (isNew && !shared) run();
+  // Who comes for the first time, or to an example, sees what happens here; what somebody else has sent is not run unasked.
+  if ((isNew && !shared) || linked) run();
   // Tests look whether the page is there.
   document.body.dataset.page = "there";
 }

@@ -72,6 +72,12 @@ export async function linkOf(program) {
   return `${location.href.split("#")[0]}#program=${text}`;
 }
 
+// An example that an address names, such as #example=walk.py.
+export function exampleOf(fragment, examples) {
+  const match = /^#example=([\w.-]+)$/.exec(fragment);
+  return match ? examples.find(({ name }) => name === match[1]) ?? null : null;
+}
+
 export async function programOf(fragment) {
   const match = /^#program=([\w-]+)$/.exec(fragment);
   if (!match) return null;

@@ -7,7 +7,7 @@ const OURS = `bricks ${SCOPE} `, CACHE = `${OURS}BUILD-MARK`;
 const SHELL = ["./"];
 // What runs in the page may run nothing that is not a file of the site. The worker's runtimes make functions of text; and a program
 // that somebody was sent runs there, so that nothing leaves the site's own address.
-const WORKER_POLICY = "default-src 'self'; script-src 'self' 'unsafe-eval' 'wasm-unsafe-eval'";
+const WORKER_POLICY = "default-src 'self'; script-src 'self' blob: 'unsafe-eval' 'wasm-unsafe-eval'";
 
 self.addEventListener("install", (event) => {
   self.skipWaiting();

@@ -1,21 +1,28 @@
 // Stage: the chosen robot in its world, drawn at once from its file, then as the run's frames say.
 
 import { fetchPacked } from "./packed.js";
+import { TABLE_MM, withPicture } from "./picture.js";
 import { Scene3D } from "./view/scene3d.js";
 
-const BENCH = "bench";
+const BENCH = "bench", OWN_PICTURE = "own picture", TABLE = "table";
 
 export class Stage {
-  // `robots`: robots.json. `onPull`: called with a message when somebody pulls.
-  constructor(elements, { robots, onPull, onChoice }) {
+  // `robots`: robots.json. `onPull`: called with a message when somebody pulls. `onPicture`: when somebody wants an own picture.
+  constructor(elements, { robots, onPull, onChoice, onPicture }) {
     Object.assign(this, elements);
     this.robots = robots;
     this.onPull = onPull;
     this.scene = null;
     this.shown = null;
+    this.shownWorld = "";
+    this.picture = null;
     this.robot.append(...robots.map(({ name, title }) => new Option(title, name)), new Option("No robot: the bench", BENCH));
     this.robot.onchange = () => onChoice(this.robot.value, "");
-    this.world.onchange = () => onChoice(this.robot.value, this.world.value);
+    this.world.onchange = () => {
+      if (this.world.value !== OWN_PICTURE) return onChoice(this.robot.value, this.world.value);
+      this.world.value = this.shownWorld;
+      onPicture();
+    };
     this.follow.onchange = () => this.scene && (this.scene.follows = this.follow.checked);
     this.home.onclick = () => this.scene?.home();
   }
@@ -30,23 +37,34 @@ export class Stage {
     return this.shown && this.drawing ? 7 * this.drawing.bodies.length : 0;
   }
 
-  // Show a robot in a world; what is not there becomes the first there is.
-  async choose(robotName, worldName) {
+  // Show a robot in a world; what is not there becomes the first there is. `picture`: an own one on the floor, as of readPicture; with
+  // the size of the table it lies on that.
+  async choose(robotName, worldName, picture = null) {
     const robot = this.robots.find(({ name }) => name === robotName);
     this.robot.value = robot ? robot.name : BENCH;
     const worlds = robot?.worlds ?? [], world = worlds.find(({ name }) => name === worldName) ?? worlds[0];
-    this.world.replaceChildren(...worlds.map(({ name, title }) => new Option(title, name, false, name === world.name)));
-    this.world.parentElement.hidden = worlds.length < 2;
+    this.world.replaceChildren(...worlds.map(({ name, title }) => new Option(title, name)));
+    if (robot?.drives) this.world.append(new Option(picture ? "another picture …" : "your own picture …", OWN_PICTURE));
+    this.world.value = this.shownWorld = world?.name ?? "";
+    this.world.parentElement.hidden = this.world.options.length < 2;
     this.view.hidden = !robot;
     this.shown = world?.file ?? null;
     this.lesson = world?.lesson ?? null;
+    this.picture = picture;
     if (!robot) return;
     const file = this.shown, read = async (name) => (await fetchPacked(name)).json();
-    const [{ drawing, start }, meshes] = await Promise.all([read(file), read(robot.meshes)]);
-    if (file !== this.shown) return; // another one was chosen meanwhile
+    const [plain, meshes] = await Promise.all([read(file), read(robot.meshes)]);
+    if (file !== this.shown || picture !== this.picture) return; // another one was chosen meanwhile
+    const { drawing, start } = picture ? withPicture(plain, picture) : plain;
     // Those of the robot are in one file for all of its worlds, which name them by their numbers.
     drawing.meshes = drawing.meshes.map((mesh) => (typeof mesh === "number" ? meshes[mesh] : mesh));
     this.load(drawing, new Float32Array(start));
+  }
+
+  // The world on which a picture of this size lies.
+  worldFor([width_mm, height_mm]) {
+    const isTable = width_mm === TABLE_MM[0] && height_mm === TABLE_MM[1];
+    return isTable ? TABLE : "";
   }
 
   load(drawing, start) {

@@ -1,6 +1,6 @@
 // Files that are stored compressed, as plain file servers do not compress: `name.packed` holds `name` in gzip's format.
 
-const TYPES = { wasm: "application/wasm", zip: "application/zip", json: "application/json", js: "text/javascript" };
+const TYPES = { wasm: "application/wasm", zip: "application/zip", json: "application/json", js: "text/javascript", mjs: "text/javascript" };
 
 export async function fetchPacked(url) {
   const response = await fetch(`${url}.packed`);
@@ -12,4 +12,14 @@ export async function fetchPacked(url) {
   const body = isPacked ? whole.pipeThrough(new DecompressionStream("gzip")) : whole;
   const type = TYPES[String(url).split(".").pop()] ?? "application/octet-stream";
   return new Response(body, { headers: { "content-type": type } });
+}
+
+// A module that is stored compressed, and imports no other one.
+export async function importPacked(url) {
+  const address = URL.createObjectURL(await (await fetchPacked(url)).blob());
+  try {
+    return await import(address);
+  } finally {
+    URL.revokeObjectURL(address);
+  }
 }

@@ -2,16 +2,22 @@
 // time, which blocks it: what comes meanwhile comes through the mailbox.
 
 import { loadPyodide } from "./pyodide/pyodide.mjs";
+import { compile } from "./compiler.js";
 import MpyCross from "./mpy_cross.js";
 import { Mailbox } from "./mailbox.js";
-import { fetchPacked } from "./packed.js";
+import { fetchPacked, importPacked } from "./packed.js";
 import { Physics } from "./physics.js";
+import { withPicture } from "./picture.js";
 
 const HOUSES = "/houses", PATIENCE_MS = 50, ROW = 8;
 const say = (kind, values = {}, transfer = []) => postMessage({ kind, ...values }, transfer);
 let python = null, runInTab = null, bodyInTab = null, readJson = null, mailbox = null;
+<<<<<<< HEAD
 let mujoco = null, physics = null; // once a robot is chosen
 let hubMailbox = null, realHub = null; // once a hub is connected
+=======
+let mujoco = null, physics = null; // a promise of MuJoCo, and the physics of a robot that was chosen
+>>>>>>> 1a73f0e2 (Programs print the same in three browsers; a tab's Python is compiled when the site is made; own pictures as floors; the hub draws goals itself)
 let poses = []; // of the frames since the last post
 
 // What Python calls; see tab/page.py.
@@ -27,6 +33,7 @@ const page = {
   may_go_on: (ms) => !mailbox || mailbox.mayGoOn(ms, PATIENCE_MS),
 };
 
+<<<<<<< HEAD
 // Bluetooth is the page's: what Python asks of it, see tab/web_port.py.
 const hubPage = {
   ask: (number, operation, characteristic, data) => say("ask", { number, operation, characteristic, data }),
@@ -35,6 +42,9 @@ const hubPage = {
 };
 
 async function start({ memory, hubMemory, interrupt }) {
+=======
+async function start({ memory, interrupt, needsPhysics }) {
+>>>>>>> 1a73f0e2 (Programs print the same in three browsers; a tab's Python is compiled when the site is made; own pictures as floors; the hub draws goals itself)
   if (memory) mailbox = new Mailbox(memory);
   if (hubMemory) hubMailbox = new Mailbox(hubMemory);
   // Pyodide asks for its parts by name; those that are stored compressed are unpacked here.
@@ -43,40 +53,23 @@ async function start({ memory, hubMemory, interrupt }) {
     const url = String(resource.url ?? resource);
     return /\.(wasm|zip)$/.test(url) ? fetchPacked(url) : plainFetch(resource, options);
   };
+  // It is compiled beside Python, by threads of the browser's.
+  if (needsPhysics) mujoco = loadMujoco();
   const here = (name) => new URL(name, import.meta.url).href;
   const [pyodide, houses, compiler] = await Promise.all([
-    loadPyodide({ indexURL: here("./pyodide/") }),
-    plainFetch(here("houses.zip")).then((response) => response.arrayBuffer()),
+    importPacked(here("pyodide/pyodide.asm.mjs")).then((module) => loadPyodide({ indexURL: here("./pyodide/"), createPyodideModule: module.default })),
+    fetchPacked(here("houses.zip")).then((response) => response.arrayBuffer()),
     fetchPacked(here("mpy-cross-v6.wasm")).then((response) => response.arrayBuffer()).then(WebAssembly.compile),
   ]);
   python = pyodide;
   if (interrupt) python.setInterruptBuffer(interrupt);
   python.unpackArchive(houses, "zip", { extractDir: HOUSES });
   python.runPython(`import sys; sys.path.insert(0, "${HOUSES}")`);
-  python.pyimport("bricktwin.site.tab.mpy_cross").put_in_place((name, source, options) => compile(compiler, name, source, options.toJs()));
+  python.pyimport("bricktwin.site.tab.mpy_cross").put_in_place((name, source, options) => python.toPy(compile(MpyCross, compiler, name, source, options.toJs())));
   runInTab = python.pyimport("bricktwin.site.tab.run").run_in_tab;
   bodyInTab = python.pyimport("bricktwin.site.tab.robot_file").body_in_tab;
   readJson = python.pyimport("json").loads;
   say("ready");
-}
-
-// The hub's compiler, which begins anew for each program; at once, as a program may compile while it runs.
-function compile(module, name, source, options) {
-  let result = [1, undefined, "the compiler has ended without a word"];
-  // Its output is looked for beside a file that ends with .py; what `eval` compiles has no such name.
-  const words = name.endsWith(".py") ? [name] : ["-s", name, "main.py"];
-  MpyCross({
-    arguments: [...options, ...words],
-    inputFileContents: source,
-    instantiateWasm(imports, receive) {
-      const instance = new WebAssembly.Instance(module, imports);
-      receive(instance, module);
-      return instance.exports;
-    },
-    callback: (status, mpy, _out, report) => (result = [status, mpy, report.join("\n")]),
-  });
-  const [status, mpy, report] = result;
-  return python.toPy([status, mpy, report]);
 }
 
 // The rows of the hub, each with the poses of its moment.
@@ -91,14 +84,15 @@ function withPoses(rows) {
   return frames;
 }
 
-async function run({ robot, ...request }) {
+async function run({ robot, picture, ...request }) {
   physics?.end();
   physics = null;
   let body;
   if (robot) {
-    mujoco ??= await loadMujoco();
-    const file = await (await fetchPacked(new URL(robot, import.meta.url).href)).json();
-    physics = new Physics(mujoco, file);
+    const plain = await (await fetchPacked(new URL(robot, import.meta.url).href)).json();
+    const file = picture ? withPicture(plain, picture) : plain;
+    mujoco ??= loadMujoco();
+    physics = new Physics(await mujoco, file);
     body = bodyInTab(readJson(JSON.stringify(file.robot)), physics.engine);
   }
   const act = request.goal ? python.pyimport("bricktwin.site.tab.teach").teach_in_tab : runInTab;
@@ -114,7 +108,7 @@ async function obeyHub({ robot, ...request }) {
 }
 
 async function loadMujoco() {
-  const { default: load } = await import("./mujoco.js");
+  const { default: load } = await importPacked(new URL("mujoco.js", import.meta.url).href);
   return load({ locateFile: (name) => new URL(name, import.meta.url).href });
 }
 

@@ -1,0 +1,220 @@
+"""The page of a site in Chromium: how long a visitor waits, what memory it takes, and whether
+running leaks.
+
+    python -m benchmarks tab_page --minutes 15
+
+The whole site, from a plain file server of this computer (which sends no headers, so that the page
+loads itself once more for its service worker) and from the site's own starter ``serve.py``.
+
+- Waits: from the request to the first picture of the robot, and to the robot's first motion, of
+  visitors with an empty cache and at their second visit; medians.
+- Memory: proportional memory (PSS) of the page's own process while the first example runs, and
+  every half minute while a program drives without end at five times real time. Growth is the slope
+  of a line through them without the first quarter, in which the record of the run fills.
+"""
+
+from __future__ import annotations
+
+import http.server
+import os
+import re
+import shutil
+import statistics
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from benchmarks.session import Session
+from bricktwin.site.build import build_site
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser, Page
+
+FLAGS = (
+    "--no-sandbox",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+    "--ignore-gpu-blocklist",
+)
+SIZE = {"width": 1280, "height": 800}
+TIMEOUT_MS = 120_000
+RATE = "5"
+CIRCLES = """
+from pybricks.parameters import Direction, Port
+from pybricks.pupdevices import Motor
+from pybricks.robotics import DriveBase
+
+base = DriveBase(Motor(Port.E, Direction.COUNTERCLOCKWISE), Motor(Port.A), 56, 130)
+while True:
+    base.curve(100, 360)
+    print(base.distance())
+"""
+
+
+class _PlainFiles(http.server.SimpleHTTPRequestHandler):
+    def log_message(self, *arguments: object) -> None:
+        """Quiet."""
+
+
+@contextmanager
+def plain_server(folder: Path) -> Iterator[str]:
+    """Address of a folder on a file server."""
+    handler = partial(_PlainFiles, directory=str(folder))
+    server = http.server.ThreadingHTTPServer(("127.0.0.1", 0), handler)
+    thread = threading.Thread(target=server.serve_forever, daemon=True)
+    thread.start()
+    try:
+        yield f"http://127.0.0.1:{server.server_port}/"
+    finally:
+        server.shutdown()
+        server.server_close()
+        thread.join()
+
+
+@contextmanager
+def own_starter(folder: Path) -> Iterator[str]:
+    """Address of a site that its ``serve.py`` serves."""
+    process = subprocess.Popen(  # noqa: S603  the site's own starter
+        [sys.executable, str(folder / "serve.py"), "--no-browser"],
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    assert process.stdout is not None
+    try:
+        yield process.stdout.readline().strip()
+    finally:
+        process.terminate()
+        process.wait()
+
+
+def visit(page: Page, address: str) -> dict[str, float]:
+    """Seconds from the request to the robot's picture, and to its first motion."""
+    started_s = time.monotonic()
+    page.goto(address, wait_until="commit")
+    page.wait_for_selector("#scene[data-frames]")
+    seen_s = time.monotonic() - started_s
+    if page.locator("#run").is_enabled():
+        # At the second visit nothing runs by itself.
+        page.click("#run")
+    wait_until(page, "parseFloat(document.querySelector('#clock').textContent) >= 0.2")
+    moving_s = time.monotonic() - started_s
+    return {"seen_s": round(seen_s, 2), "moving_s": round(moving_s, 2)}
+
+
+def wait_until(page: Page, condition: str) -> None:
+    """Wait until a condition holds: as a script, as the page's policy allows no text of one."""
+    page.evaluate(
+        f"async () => {{ while (!({condition})) await new Promise(requestAnimationFrame); }}"
+    )
+
+
+def waits(browser: Browser, address: str, visitors: int) -> dict[str, Any]:
+    """Waits of visitors who come twice."""
+    visits: dict[str, list[dict[str, float]]] = {"first": [], "second": []}
+    for _ in range(visitors):
+        context = browser.new_context(viewport=SIZE)  # type: ignore[arg-type]
+        context.set_default_timeout(TIMEOUT_MS)
+        page = context.new_page()
+        visits["first"].append(visit(page, address))
+        # The rest of the site is fetched meanwhile.
+        page.wait_for_timeout(3000)
+        page.close()
+        visits["second"].append(visit(context.new_page(), address))
+        context.close()
+    found: dict[str, Any] = {}
+    for name, several in visits.items():
+        for key in ("seen_s", "moving_s"):
+            values = [one[key] for one in several]
+            found[f"{name}_{key}"] = round(statistics.median(values), 2)
+        found[f"{name}_each"] = several
+    return found
+
+
+def renderers(browser: Browser) -> list[int]:
+    """Processes that show pages."""
+    session = browser.new_browser_cdp_session()
+    processes = session.send("SystemInfo.getProcessInfo")["processInfo"]
+    return [process["id"] for process in processes if process["type"] == "renderer"]
+
+
+def pss_mb(process: int) -> float:
+    """Proportional memory of a process."""
+    text = Path(f"/proc/{process}/smaps_rollup").read_text(encoding="utf-8")
+    match = re.search(r"(?m)^Pss: +(\d+) kB", text)
+    return int(match[1]) / 1024 if match else 0.0
+
+
+def page_mb(browser: Browser) -> float:
+    """Proportional memory of the page's process, which is the largest: others stand ready."""
+    return max(pss_mb(process) for process in renderers(browser))
+
+
+def drive(browser: Browser, address: str, minutes: float) -> dict[str, Any]:
+    """Memory while a program runs that has no end."""
+    context = browser.new_context(viewport=SIZE)  # type: ignore[arg-type]
+    context.set_default_timeout(TIMEOUT_MS)
+    page = context.new_page()
+    visit(page, address)
+    page.wait_for_timeout(5000)
+    at_first_mb = page_mb(browser)
+    page.click("#stop")
+    page.wait_for_selector("#state.stopped")
+    content = CIRCLES.encode()
+    files = [{"name": "circles.py", "mimeType": "text/x-python", "buffer": content}]
+    page.set_input_files("#file", files=files)  # type: ignore[arg-type]
+    wait_until(page, "document.querySelector('#programs').value === 'circles.py'")
+    page.select_option("#rate", RATE)
+    page.click("#run")
+    rows = []
+    started_s = time.monotonic()
+    while (now_s := time.monotonic() - started_s) < 60 * minutes:
+        page.wait_for_timeout(min(30_000, 6000 * minutes))
+        clock = page.text_content("#clock") or "0"
+        rows.append((now_s / 60, page_mb(browser), float(clock.split()[0])))
+    context.close()
+    table = np.array(rows)
+    late = table[len(table) // 4 :]
+    slope = float(np.polyfit(late[:, 0], late[:, 1], 1)[0]) if len(late) > 2 else None
+    return {
+        "first_example_mb": round(at_first_mb, 1),
+        "minutes": minutes,
+        "simulated_s": float(table[-1, 2]),
+        "mb": [round(value, 1) for value in table[:, 1].tolist()],
+        "growth_mb_per_minute": slope and round(slope, 3),
+    }
+
+
+def main(session: Session) -> None:
+    """Measure, and write the result."""
+    from playwright.sync_api import sync_playwright
+
+    args = session.parse(minutes=15.0, visitors=5)
+    with tempfile.TemporaryDirectory(prefix="tab-page-") as name:
+        folder = Path(name) / "site"
+        files = build_site(folder)
+        size_mb = sum(path.stat().st_size for path in files) / 1e6
+        result: dict[str, Any] = {"site_mb": round(size_mb, 2), "files": len(files)}
+        with sync_playwright() as playwright:
+            browser = playwright.chromium.launch(
+                executable_path=shutil.which("chromium"), args=list(FLAGS)
+            )
+            result["browser"] = browser.version
+            for key, serve in (("file_server", plain_server), ("own_starter", own_starter)):
+                with serve(folder) as address:
+                    result[key] = waits(browser, address, args.visitors)
+                    print(key, result[key], flush=True)
+            result["load_average"] = round(os.getloadavg()[0], 2)
+            with plain_server(folder) as address:
+                result["running"] = drive(browser, address, args.minutes)
+                print(result["running"], flush=True)
+            browser.close()
+    session.write(result)
