@@ -121,7 +121,7 @@ def waits(browser: Browser, address: str, visitors: int) -> dict[str, Any]:
     """Waits of visitors who come twice."""
     visits: dict[str, list[dict[str, float]]] = {"first": [], "second": []}
     for _ in range(visitors):
-        context = browser.new_context(viewport=SIZE)  # type: ignore[arg-type]
+        context = browser.new_context(viewport=SIZE)
         context.set_default_timeout(TIMEOUT_MS)
         page = context.new_page()
         visits["first"].append(visit(page, address))
@@ -160,7 +160,7 @@ def page_mb(browser: Browser) -> float:
 
 def drive(browser: Browser, address: str, minutes: float) -> dict[str, Any]:
     """Memory while a program runs that has no end."""
-    context = browser.new_context(viewport=SIZE)  # type: ignore[arg-type]
+    context = browser.new_context(viewport=SIZE)
     context.set_default_timeout(TIMEOUT_MS)
     page = context.new_page()
     visit(page, address)
@@ -170,7 +170,7 @@ def drive(browser: Browser, address: str, minutes: float) -> dict[str, Any]:
     page.wait_for_selector("#state.stopped")
     content = CIRCLES.encode()
     files = [{"name": "circles.py", "mimeType": "text/x-python", "buffer": content}]
-    page.set_input_files("#file", files=files)  # type: ignore[arg-type]
+    page.set_input_files("#file", files=files)
     wait_until(page, "document.querySelector('#programs').value === 'circles.py'")
     page.select_option("#rate", RATE)
     page.click("#run")

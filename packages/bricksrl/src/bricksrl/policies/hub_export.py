@@ -31,8 +31,7 @@ from bricksrl.envs.transforms import base_of
 from bricksrl.errors import RunError
 from bricksrl.policies import config_of, load_policy, make_env_of
 from bricksrl.policies.by_name import TRAINED, PlainPolicy, path_of
-from bricksrl.policies.hub_network import HIDDEN, HubNetwork, distil
-from bricksrl.policies.policy import Policy
+from bricksrl.policies.hub_network import HIDDEN, Acting, HubNetwork, distil
 from bricksrl.training.reproducible import reproducible
 from bricksrl.training.restore import Which
 from bricktwin.site.tab.plain_values import plain
@@ -120,8 +119,8 @@ def export_own(
     learned = learned or env_id
     if learned not in TRAINED:
         raise RunError(f"no policy comes with {learned}; choose {', '.join(TRAINED)}")
-    twin = {"hub": "virtual", "realtime": False, "randomize": False}
-    with closing(make(env_id, **twin)) as env, reproducible(_SEED):
+    env = make(env_id, hub="virtual", realtime=False, randomize=False)
+    with closing(env), reproducible(_SEED):
         _task_of(env)
         policy = OwnPolicy(PlainPolicy.load(path_of(learned)))
         return _export(env, policy, None, out, None, hidden)
@@ -167,7 +166,7 @@ def _task_of(env: Any) -> Task:
 
 def _export(
     env: Any,
-    policy: Policy | OwnPolicy,
+    policy: Acting,
     actor: Any,
     out: Path,
     physics: Physics | None,

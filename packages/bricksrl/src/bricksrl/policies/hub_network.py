@@ -8,6 +8,7 @@ done (DAgger, Ross et al., 2011).
 import itertools
 import math
 from collections.abc import Sequence
+from typing import Any, Protocol
 
 import torch
 from tensordict.nn import TensorDictModule
@@ -17,7 +18,6 @@ from torchrl.envs import EnvBase
 from brickhub.entry import Entry
 from brickhub.seed import derive_seed
 from bricksrl.envs.rollout import play, seed_episode
-from bricksrl.policies.policy import Policy
 
 HIDDEN = (16, 16)
 """Units of the hidden layers."""
@@ -33,6 +33,19 @@ LEARNING_RATE = 5e-3
 _ANYTHING = 1e30
 LEAK = 0.01
 """Share of what is beyond -1..1 that the loss sees."""
+
+
+class Acting(Protocol):
+    """A policy that is distilled: for TorchRL's environments, and for observations alone."""
+
+    def __call__(self, state: Any, /) -> Any:
+        """Write the action into a state."""
+
+    def act(self, observation: Any, /) -> Any:
+        """Action ``[*batch, m]`` for an observation ``[*batch, n]``."""
+
+    def reset(self) -> None:
+        """Forget the episode so far."""
 
 
 class HubNetwork(nn.Module):
@@ -156,7 +169,7 @@ def act(observed):
 
 def distil(
     env: EnvBase,
-    policy: Policy,
+    policy: Acting,
     network: HubNetwork,
     seed: int,
 ) -> TensorDictModule:

@@ -7,12 +7,8 @@ import { isolate, keepForOffline } from "./isolation.js";
 import { readPicture, TABLE_MM } from "./picture.js";
 import { FAST, Player } from "./player.js";
 import { errorsOf, Printed } from "./printed.js";
-<<<<<<< HEAD
-import { linkOf, Programs, programOf, saveFile } from "./programs.js";
-import { RealHub } from "./real_hub.js";
-=======
 import { exampleOf, linkOf, Programs, programOf, saveFile } from "./programs.js";
->>>>>>> 1a73f0e2 (Programs print the same in three browsers; a tab's Python is compiled when the site is made; own pictures as floors; the hub draws goals itself)
+import { RealHub } from "./real_hub.js";
 import { Stage } from "./stage.js";
 import { Teach } from "./teach.js";
 
@@ -150,11 +146,7 @@ async function begin() {
     board.sound.allow();
     player.clear(ROW + stage.width);
     state.set("running");
-<<<<<<< HEAD
-    hub.run({ robot: stage.file, readings: bench.settings, ...toRun() });
-=======
-    hub.run({ robot: stage.file, picture: stage.picture, files: programs.files, name: programs.current, readings: bench.settings, stdin: byId("stdin").value });
->>>>>>> 1a73f0e2 (Programs print the same in three browsers; a tab's Python is compiled when the site is made; own pictures as floors; the hub draws goals itself)
+    hub.run({ robot: stage.file, picture: stage.picture, readings: bench.settings, ...toRun() });
     player.begin();
     setPaused(false);
   }

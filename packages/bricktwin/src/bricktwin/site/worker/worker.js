@@ -12,12 +12,8 @@ import { withPicture } from "./picture.js";
 const HOUSES = "/houses", PATIENCE_MS = 50, ROW = 8;
 const say = (kind, values = {}, transfer = []) => postMessage({ kind, ...values }, transfer);
 let python = null, runInTab = null, bodyInTab = null, readJson = null, mailbox = null;
-<<<<<<< HEAD
-let mujoco = null, physics = null; // once a robot is chosen
-let hubMailbox = null, realHub = null; // once a hub is connected
-=======
 let mujoco = null, physics = null; // a promise of MuJoCo, and the physics of a robot that was chosen
->>>>>>> 1a73f0e2 (Programs print the same in three browsers; a tab's Python is compiled when the site is made; own pictures as floors; the hub draws goals itself)
+let hubMailbox = null, realHub = null; // once a hub is connected
 let poses = []; // of the frames since the last post
 
 // What Python calls; see tab/page.py.
@@ -33,7 +29,6 @@ const page = {
   may_go_on: (ms) => !mailbox || mailbox.mayGoOn(ms, PATIENCE_MS),
 };
 
-<<<<<<< HEAD
 // Bluetooth is the page's: what Python asks of it, see tab/web_port.py.
 const hubPage = {
   ask: (number, operation, characteristic, data) => say("ask", { number, operation, characteristic, data }),
@@ -41,10 +36,7 @@ const hubPage = {
   wait: (longest_ms) => hubMailbox.wait(longest_ms),
 };
 
-async function start({ memory, hubMemory, interrupt }) {
-=======
-async function start({ memory, interrupt, needsPhysics }) {
->>>>>>> 1a73f0e2 (Programs print the same in three browsers; a tab's Python is compiled when the site is made; own pictures as floors; the hub draws goals itself)
+async function start({ memory, hubMemory, interrupt, needsPhysics }) {
   if (memory) mailbox = new Mailbox(memory);
   if (hubMemory) hubMailbox = new Mailbox(hubMemory);
   // Pyodide asks for its parts by name; those that are stored compressed are unpacked here.
