@@ -242,7 +242,7 @@ def test_lost_link_raises(world: World, folder: Path) -> None:
 def test_command_runs_user_program(
     world: World, folder: Path, monkeypatch: pytest.MonkeyPatch, capfdbinary
 ) -> None:
-    monkeypatch.setattr(HubAddress, "transport", lambda self: world.transport())
+    monkeypatch.setattr(HubAddress, "transport", lambda self, kind=None: world.transport())
     monkeypatch.setattr(sys, "stdin", None)
     world.hub.files.update(FILES)
     assert main(("run", str(folder / "main.py"), "--hub", "ble")) == 0

@@ -53,6 +53,7 @@ class TD3Settings(DeterministicSettings, CriticSettings, TargetSettings, OffPoli
     learning_rate: Annotated[float, Positive] = 5e-4
     updates_per_step: Annotated[float, Positive] = 4.0
     actor_delay: Annotated[int, Range(1)] = 2
+    """Updates of the critics for each one of the actor and of the targets."""
     tau: Annotated[float, Range(0.0, 1.0, above=True)] = 0.01
     start_value: bool = True
     """Start the critics at the mean value of the first transitions instead of at 0."""
@@ -70,9 +71,9 @@ PRESETS = {
     )
 }
 
-FARTHEST = 0.999
-"""Largest discount whose horizon, ``1 / (1 - discount)`` steps, an episode can show; a greater one
-is not taken at its word."""
+MAX_DISCOUNT = 0.999
+"""Largest discount whose horizon, ``1 / (1 - discount)`` steps, an episode can cover; with a
+greater one the horizon is cut to that of this one."""
 
 
 class TD3Loss(ActorCriticLoss):
@@ -106,8 +107,8 @@ class TD3Loss(ActorCriticLoss):
         """Reward plus discounted minimum value of the next state with a noisy action."""
         next_action = self.target_actor(batch.next_features).tanh()
         action = on_base(next_action, batch.next_base)
-        # target policy smoothing (section 5.3 of the paper): similar actions get similar values, so
-        # that the actor cannot settle on a narrow peak that only an error of the critics made
+        # target policy smoothing (section 5.3 of TD3's paper): similar actions get similar values,
+        # so that the actor cannot settle on a narrow peak that only an error of the critics made
         noise = self.target_noise * torch.randn_like(action)
         noise.clamp_(-self.target_noise_clip, self.target_noise_clip)
         noisy_action = (action + noise).clamp_(-1.0, 1.0)
@@ -122,14 +123,14 @@ class TD3Loss(ActorCriticLoss):
         """Set the critics' last biases to the mean value of transitions, as 0 is far from most.
 
         This constant satisfies their Bellman equation, ``mean(reward) / (1 - gamma * mean(not
-        terminated))``: LSTD with a constant as its only feature. A discount above `FARTHEST` would
-        give a value that no data support: then the horizon is at most that of `FARTHEST`, and at
-        most the number of transitions."""
+        terminated))``: LSTD with a constant as its only feature. A discount above `MAX_DISCOUNT`
+        would give a value that no data support: then the horizon is at most that of
+        `MAX_DISCOUNT`, and at most the number of transitions."""
         after = transitions["next"]
         goes_on = (~after["terminated"]).float().mean()
         ending = 1.0 - self.gamma * goes_on
-        if self.gamma > FARTHEST:
-            least_ending = max(1.0 - FARTHEST, 1.0 / len(transitions))
+        if self.gamma > MAX_DISCOUNT:
+            least_ending = max(1.0 - MAX_DISCOUNT, 1.0 / len(transitions))
             ending = ending.clamp_min(least_ending)
         value = after["reward"].mean() / ending
         # the targets too: from 0 they would draw the critics back
@@ -144,7 +145,7 @@ class TD3Loss(ActorCriticLoss):
         action = on_base(learned_action, batch.base)
         # detached, as only the critics' loss trains the encoder
         features = batch.features.detach()
-        # the first one alone, as in algorithm 1 of the paper: the minimum is for targets
+        # the first one alone, as in algorithm 1 of TD3's paper: the minimum is for targets
         values = self.critics[0](torch.cat((features, action), -1))
         return {"loss_actor": -values.mean()}
 
@@ -164,32 +165,32 @@ def build(
     device: torch.device | str = "cpu",
 ) -> ReplayLearner:
     """TD3 for an environment. Initialized from torch's global generator."""
-    m = action_size(env)
+    action_count = action_size(env)
     encoder = make_encoder(env, settings)
-    body = make_body(
+    actor = make_body(
         settings,
         encoder.size,
-        m,
+        action_count,
         norm=settings.actor_norm,
     )
-    # the twins, which differ by their random initial weights only
-    twins = [
+    # two critics, which differ by their random initial weights only
+    both = [
         make_body(
             settings,
-            encoder.size + m,
+            encoder.size + action_count,
             1,
             norm=settings.critic_norm,
         )
         for _ in range(2)
     ]
-    critics = Critics(twins)
+    critics = Critics(both)
     _, policy = deterministic_policy(
         encoder,
-        body,
+        actor,
         action_spec(env),
         noise=settings.exploration_noise,
     )
-    loss = TD3Loss(encoder, body, critics, settings).to(device)
+    loss = TD3Loss(encoder, actor, critics, settings).to(device)
     moving_critics = (loss.critics, loss.target_critics)
     moving_actor = (loss.actor, loss.target_actor)
     target = PolyakUpdate(moving_critics, moving_actor, tau=settings.tau)

@@ -162,7 +162,7 @@ def _faults_of_files(dataset: Dataset) -> Iterator[str]:
             continue
         if path.name.startswith(TEMPORARY_PREFIX) or path in unfinished:
             yield f"{relative} was left by a recording that was killed; {repair}"
-        # Files of episodes that are not in the index were named above.
+        # It may belong to an episode that was counted above as not in the index.
         elif not (uncounted and relative.parts[0] in ("data", "videos")):
             yield f"{relative} is not a file of a dataset; it was not opened"
 

@@ -171,8 +171,8 @@ class RobotView:
 
         def update() -> None:
             """Copy the joint positions; called in the thread that steps the robot."""
-            # The poses follow from the copies in the thread that serves a browser, where they delay
-            # nobody.
+            # The thread that serves the browser computes the poses from these copies, so that the
+            # robot does not wait.
             if mirror is not None and isinstance(body, MujocoBody):
                 qpos = body.data.qpos.copy()
                 moved_m = body.data.mocap_pos.copy()

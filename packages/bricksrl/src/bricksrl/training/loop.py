@@ -61,12 +61,14 @@ class Loop:
     def __post_init__(self, state: dict[str, Any]) -> None:
         self.actor = self.learner.actor
 
-        # An agent that was taught, or has a base, acts better than at random from the start.
+        # An agent that was taught, or adds to a frozen policy (`--base`), acts better than at
+        # random from the start.
         is_taught = any((self.config.start, self.config.base, self.config.demonstrations))
         self.prefill_episodes = 0 if is_taught else self.actor.prefill_episodes
 
-        # The fields up to `recorded` come from a checkpoint. The identity must be the same in a
-        # checkpoint and its run.
+        # The fields up to `recorded` come from `state`: that of a checkpoint, or of a new run. The
+        # identity (environment, agent, seed, settings, layout) must be the same in a checkpoint and
+        # its run.
         self.identity: dict[str, Any] = state["identity"]
         # Only complete episodes are listed, because an interrupted run begins its last one anew.
         self.episodes = [Episode.from_dict(data) for data in state["episodes"]]
@@ -136,13 +138,13 @@ class Loop:
                 # The checkpoints are still to be written, but further updates are not waited for.
                 self.learner.finish(lambda: False)
             except (KeyboardInterrupt, BricksError):
-                # After Ctrl-C, whatever ends the run is its end.
+                # After Ctrl-C an error is not reported, because the user wanted the end.
                 if not self.signals.requested:
                     # A robot that is told to move by NaN fails too, so the cause is named instead.
                     check_weights(self.actor)
                     raise
             finally:
-                # A run that failed also closes its dataset, because its episodes are complete.
+                # A run that failed gets its curve too.
                 with self.signals.held_back():
                     folder.draw_curve(self.config, self.episodes)
             is_interrupted = self.is_evaluation_due or not self._is_over()
@@ -155,6 +157,7 @@ class Loop:
             )
             self.callback.on_end(result)
         finally:
+            # A run that failed also closes its dataset, because its episodes are complete.
             self._record_unfinished()
         return result
 
@@ -176,8 +179,8 @@ class Loop:
                 raise InterruptedEpisodeError
 
     def _next_episode(self, being_played: int) -> Playing | None:
-        """The next episode, after this one's share of the updates from data; ``None`` if the others
-        are the last ones."""
+        """The next episode, after this one's share of the updates from data; ``None`` if those
+        being played are the last ones."""
         if len(self.episodes) + being_played >= self.config.episodes:
             return None
 
@@ -237,8 +240,8 @@ class Loop:
                 moved.own_frame,
             )
         frames = frame if is_batch else frame[None]  # [copies, time] or [1]
-        # A frame in which the link broke is remembered too: its outcome is left out, but the memory
-        # sees the gap.
+        # A frame in which the link broke is remembered too: its outcome is left out, but the replay
+        # buffer knows that the next step does not follow on it.
         self.learner.remember(frames, playing.robot)
         if playing.phase is Phase.TRAIN and not moved.is_lost:
             steps = frames.shape[-1]
@@ -273,7 +276,7 @@ class Loop:
             # into the next.
             self.learner.end_episodes(playing.robot)
             self._keep(playing, episode)
-        # An evaluation reports the episode itself, with its result.
+        # `_evaluate` reports the episode too, with the result of the evaluation.
         if self.is_evaluation_due:
             self._evaluate()
         else:

@@ -319,7 +319,7 @@ class SubModels:
                 "into one .mpd"
             )
         document = ldraw_file.parse_any(ldraw_text.read_text(path), str(path))
-        # An empty file gets a model too, which has no parts, so that its user is told so.
+        # An empty file gets a model without parts, which is then reported as such.
         document.models.setdefault("", Model(path.name, 0))
         self._files[path] = document
         for model in document.models.values():

@@ -97,7 +97,7 @@ def _constraints(model: mujoco.MjModel, data: mujoco.MjData) -> tuple[Floats, Fl
         )
     else:
         slopes = data.efc_J.reshape(slopes.shape)
-    # MuJoCo puts equalities first; limits, friction and contacts follow them.
+    # MuJoCo puts equalities first; friction, limits and contacts follow them.
     equalities = slice(0, data.ne)
     gaps = data.efc_pos[equalities].copy()
     return gaps, slopes[equalities]

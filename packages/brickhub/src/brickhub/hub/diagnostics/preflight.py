@@ -538,7 +538,7 @@ def check_wheels(
         # as its radius.
         sign = 1.0 if turn.motor == base.left else -1.0
         expected_deg = sign * turn.wheel_deg * base.wheel_diameter_mm / (2 * base.axle_track_mm)
-        # Otherwise the motor did not turn at all, which its own finding tells.
+        # A wheel that hardly turned has a finding of its own.
         if abs(expected_deg) >= 1.0:
             rolled.append((turn, expected_deg))
     is_on_floor = any(abs(turn.heading_deg / deg) >= _STILL_SHARE for turn, deg in rolled)

@@ -67,7 +67,7 @@ class PositionIntegrator:
         s = self._settings
         integral = self.integral
         change = trunc(error / LOOPS_PER_S)
-        # A change that makes the integral smaller is always welcome, even during a pause.
+        # Shrinking cannot wind up, so it is allowed during a pause too.
         shrinks = abs(integral + change) < abs(integral)
         if not shrinks:
             if not self.running:

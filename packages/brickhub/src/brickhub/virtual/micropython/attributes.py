@@ -48,10 +48,10 @@ _MADE_BY_CPYTHON = (
     "__qualname__",
     "__slotnames__",
     "__annotations__",
-    # CPython has added this since 3.13.
+    # CPython 3.13 added these.
     "__firstlineno__",
     "__static_attributes__",
-    # CPython has added this since 3.14.
+    # CPython 3.14 added these.
     "__annotate__",
     "__annotate_func__",
     "__annotations_cache__",

@@ -15,8 +15,8 @@ from brickhub.virtual.micropython.attributes import may_be_hidden
 from brickhub.virtual.micropython.floats import SMALL_MAX, SMALL_MIN, read_constant
 from brickhub.virtual.micropython.operators import ASCII_METHODS
 
-# The hub's compiler runs on a PC, so it computes these with integers of any size. It leaves `/` for
-# the hub.
+# The hub's compiler folds these operations on constants. It runs on a computer, so integers have
+# any size there; `/` it leaves to the hub.
 _FOLDED: dict[type[ast.operator], Callable[[int, int], int]] = {
     ast.Add: operator.add,
     ast.Sub: operator.sub,

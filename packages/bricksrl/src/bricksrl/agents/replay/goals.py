@@ -49,8 +49,8 @@ class GoalRelabelling:
         after_observed = after["observation"]
         for observation in (before_observed, after_observed):
             observation[..., goal_index] = goals
-        # pure functions of what was observed: motion does not depend on the goal, and another goal
-        # makes of the same steps another experience
+        # Motion does not depend on the goal, so the same steps with another goal are a valid
+        # experience, whose reward and end can be computed again.
         reward = self.task.reward(before_observed, rows["action"], after_observed)
         after["reward"].copy_(reward)
         after["terminated"].copy_(self.task.terminated(after_observed))

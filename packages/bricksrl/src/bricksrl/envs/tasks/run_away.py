@@ -1,4 +1,4 @@
-"""The 2Wheeler drives away from a wall as far as its ultrasonic sensor sees.
+"""The 2Wheeler drives away from a wall, whose distance its ultrasonic sensor measures.
 
 Each action is one straight drive; the next observation is taken when the drive has ended. The robot
 starts 200 to 300 mm in front of a wall, facing it within 5 degrees, so that only driving backwards
@@ -43,7 +43,7 @@ wall too, as the paper words it.
 The paper defines no success for this task. Here an episode succeeds when it ends 1000 mm or more
 from the wall. Reaching 2000 mm is no criterion: it ends the episode, and with it the rewards, so
 that the best policy avoids it. The metrics are the last distance, `final_distance_mm`, and the
-largest pitch to either side, `largest_pitch_deg`, as a robot that brakes hard tips over.
+largest pitch in either direction, `largest_pitch_deg`, as a robot that brakes hard tips over.
 """
 
 from brickhub.fields import check_value
@@ -73,14 +73,14 @@ _DISTANCE = slice(4, 5)
 
 
 def success(observations: Tensor) -> Tensor:
-    """True if the episode ``[*batch, steps, n]`` ended well away from the wall; bool
-    ``[*batch]``."""
+    """True if the episode ended well away from the wall: bool ``[*batch]``, of its observations
+    ``[*batch, steps, n]``, with ``n`` numbers a step."""
     return observations[..., -1, _DISTANCE.start] >= AWAY_MM
 
 
 def metrics(observations: Tensor) -> dict[str, Tensor]:
-    """The last distance and the largest pitch of the episode ``[*batch, steps, n]``;
-    ``[*batch]``."""
+    """The last distance and the largest pitch of the episode, each ``[*batch]``, of its
+    observations ``[*batch, steps, n]``."""
     return {
         "final_distance_mm": observations[..., -1, _DISTANCE.start],
         "largest_pitch_deg": observations[..., _PITCH].abs().amax(-1),

@@ -6,12 +6,14 @@ robot-specific part; ``send`` and ``Reader`` in ``frames.py``; ``stop_motors`` a
 ``moves.py``; ``listen`` in ``stdio.py`` or ``app_data.py``.
 
 A command is carried out once: when its sequence number is repeated, the answer is resent and
-nothing moves. A new command replaces one in progress, and so does READ, which cancels its answer.
-After STREAM the channels are sent continuously, with the sequence number of the latest command;
-STREAM 0 ends it.
+nothing moves. A new command replaces one in progress. READ answers at once, and the step in
+progress is not answered then. After STREAM and a first command or READ the channels are sent
+continuously, with the sequence number of the latest one; STREAM 0 ends it. In a frame the number
+comes first; 0 marks one that controls the program and moves nothing.
 
 Only frames from the host feed the watchdog, even during a step: after ``WATCHDOG_MS`` of silence
-the motors stop, or in a step the program ends; after ``END_MS`` more it ends in any case.
+(or the time that the last WATCHDOG frame has set) the motors stop, or in a step the program ends;
+after ``END_MS`` more it ends in any case.
 
 What is above the line "the hub's part" stays on the computer. Changing what is below it changes
 every program's hash, so that each hub downloads its program again.
