@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import pytest
+from hub_programs import output
+
 from brickhub.robot import BENCH
 from brickhub.virtual.bench_body import BenchBody
 from brickhub.virtual.machine import Machine
@@ -48,3 +51,12 @@ def test_doze_runs_control_loop() -> None:
                     machine.advance(1)
         angles.append(servo.position())
     assert angles[0] == angles[1] > 50_000
+
+
+def test_products_of_floats_take_time() -> None:
+    """Which is what a network on a hub computes; a loop of integers is charged by its turns."""
+    head = "from pybricks.tools import StopWatch\nwatch = StopWatch()\n"
+    loop = "for _ in range(2000):\n    product = factor * factor\nprint(watch.time())\n"
+    times_ms = [int(output(f"{head}factor = {factor}\n{loop}")) for factor in ("3", "3.0")]
+    product_ms = 2000 * BENCH.hub.model.product_us / 1000
+    assert times_ms[1] - times_ms[0] == pytest.approx(product_ms, rel=0.1)

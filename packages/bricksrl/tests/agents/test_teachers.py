@@ -57,6 +57,17 @@ def test_demonstrations_are_imitated(agent: str, monkeypatch: pytest.MonkeyPatch
         assert float(of(learner).alpha) <= ALPHA * 1.0001
 
 
+def test_imitation_moves_the_statistics_of_an_actor_that_normalises() -> None:
+    """CrossQ's actor is in evaluation mode otherwise, and stays so afterwards."""
+    learner = make("crossq", seed=5, hidden=(16,))
+    actor = of(learner).actor
+    before = [buffer.clone() for buffer in actor.buffers()]
+    was_training = actor.training
+    imitate(learner, steps(30), shown())
+    assert before and not same(before, list(actor.buffers()))
+    assert actor.training == was_training
+
+
 @pytest.mark.parametrize("agent", TAUGHT)
 def test_a_base_acts_alone_at_first_and_stays_as_it_is(agent: str) -> None:
     learner, base = of_base(agent)

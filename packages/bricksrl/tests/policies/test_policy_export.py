@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 import torch
@@ -72,6 +74,23 @@ def test_export_says_nothing_of_readings_that_no_robot_made(
     assert not said
     load_policy(trained).act(make("RoboArmSim-v0", seed=1).reset()["observation"])
     assert said
+
+
+def test_numbers_without_a_bound_are_drawn_near_zero() -> None:
+    """Else the two policies would be compared at the largest number of a float."""
+    env = make("RoboArmSim-v0")
+    layout = SimpleNamespace(
+        low=(-math.inf, 0.0, -math.inf),
+        high=(math.inf, math.inf, 5.0),
+        scale=(),
+        offset=(),
+        vectors={"observation": (3,)},
+        images=(),
+    )
+    drawn = export._observations(env, layout)["observation"]
+    assert (drawn.amin(0) >= torch.tensor([-1.0, 0.0, -1.0])).all()
+    assert (drawn.amax(0) <= torch.tensor([1.0, 1.0, 5.0])).all()
+    assert (drawn.std(0) > 0.1).all()
 
 
 def test_existing_file_is_not_overwritten(trained: Path, tmp_path: Path) -> None:

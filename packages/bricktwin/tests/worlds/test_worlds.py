@@ -19,7 +19,7 @@ from brickhub.virtual.run import Operation, run_file
 from bricktwin.robots import SCOUT
 from bricktwin.twin.make_body import make_body
 from bricktwin.twin.mujoco_body import MujocoBody
-from bricktwin.twin.objects import COLORS, Point
+from bricktwin.twin.objects import COLORS, Block, Field, Point
 from bricktwin.twin.scene import Scene
 from bricktwin.worlds import WORLDS, courses, games, lines, summary, world
 
@@ -377,3 +377,14 @@ def test_table_has_walls_around_the_mat(tmp_path: Path) -> None:
     ran = drive("table", HEAD + "base.straight(1500)\nprint(eyes.distance())\n", tmp_path)
     to_wall = games.TABLE_MM[0] - 180.0 - 1500.0 - EYES_AHEAD_MM
     assert abs(int(ran.output) - to_wall) < 20
+
+
+def test_fields_and_blocks_of_three_colors() -> None:
+    """A near block of each color is in line with its field, a far one is on the other side."""
+    scene = games.blocks()
+    for color in ("red", "yellow", "blue"):
+        ours = [item for item in scene.objects if item.color == color]
+        (field,) = (item for item in ours if isinstance(item, Field))
+        near, far = (item for item in ours if isinstance(item, Block))
+        assert near.at_mm[0] < far.at_mm[0] < field.at_mm[0]
+        assert near.at_mm[1] == field.at_mm[1] == -far.at_mm[1]
