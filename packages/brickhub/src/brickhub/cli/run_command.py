@@ -110,8 +110,15 @@ class Run:
                     f"a real hub has its own robot, buttons and time; leave out --hub, or {name}"
                 )
         from brickhub.hub.program.imported_hub import imported_hub
+        from brickhub.hub.program.lego_languages import language_of
         from brickhub.hub.program.run_program import run_program
 
+        language = language_of(program)
+        if language is not None:
+            raise DescriptionError(
+                f"{self.file} is for {language.name}, which a hub with Pybricks does not run; "
+                "without --hub each of its lines is named"
+            )
         if is_for_kit:
             raise DescriptionError(
                 "LEGO's devices run no programs; run it on this computer: python " + str(self.file)

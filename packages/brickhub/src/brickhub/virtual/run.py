@@ -15,6 +15,7 @@ from typing import BinaryIO, TextIO
 
 from brickhub.errors import TwinError
 from brickhub.hub.program.imported_hub import imported_hub
+from brickhub.hub.program.lego_languages import language_note
 from brickhub.hub.program.pybricks2 import outdated_note
 from brickhub.hub.program.run_program import (
     TIME_LIMIT_EXIT_CODE,
@@ -281,6 +282,8 @@ def _run(
         # Programs of Pybricks 2 are for an EV3.
         if machine.robot.hub.model.devices == HubKind.EV3.model.devices:
             report += outdated_note(program)
+        if isinstance(error, ImportError):
+            report += language_note(program)
         stderr.write(report)
         return 1
     finally:
