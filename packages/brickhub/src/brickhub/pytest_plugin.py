@@ -77,6 +77,7 @@ class PybricksHub:
         robot: Robot | Body | str | None = None,
         readings: Mapping[str, Reading] | Sequence[str] = (),
         end_stops: Mapping[str, tuple[float, float]] | Sequence[str] = (),
+        starts: Sequence[str] = (),
         ports: Sequence[str] = (),
         presses: Sequence[str] = (),
         stdin: str | bytes = "",
@@ -93,6 +94,7 @@ class PybricksHub:
                 Robot by name, as functions of the angles of its motors (deg, by name).
             end_stops: likewise ``"C=-90..120"``, or lowest and highest angle (deg) by name of the
                 motor.
+            starts: angles at which motors on the bench stand at first, such as ``"A=90"``.
             ports: motors and sensors on the bench, such as ``"A=interactive"``.
             presses: of buttons, such as ``"left@2.5s"``.
             stdin: what the program can read.
@@ -102,7 +104,12 @@ class PybricksHub:
             ProgramError: there is no such file.
             DescriptionError, TwinError: robot, readings, end stops or presses do not fit together.
         """
-        from brickhub.virtual.given_readings import parse_device, parse_end_stop, parse_reading
+        from brickhub.virtual.given_readings import (
+            parse_device,
+            parse_end_stop,
+            parse_reading,
+            parse_start,
+        )
         from brickhub.virtual.panel import parse_press
         from brickhub.virtual.run import Operation, interruptible, run_file
         from brickhub.virtual.run_log import RunLog
@@ -123,6 +130,7 @@ class PybricksHub:
             presses=[parse_press(text) for text in presses],
             readings=[parse_reading(text, self._folder) for text in texts_of_readings],
             end_stops=dict(map(parse_end_stop, texts_of_stops)),
+            starts=dict(map(parse_start, starts)),
             devices=dict(map(parse_device, ports)),
             attend=attend,
         )

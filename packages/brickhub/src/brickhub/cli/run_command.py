@@ -15,6 +15,7 @@ from tyro.conf import Positional, UseAppendAction
 from brickhub.cli.terminal import Interrupted, print_note
 from brickhub.errors import DescriptionError
 from brickhub.options import Existing, Faults, Flag, changed_options, option
+from brickhub.robot.hardware import USUAL_HUB_NAME
 from brickhub.user_files import check_there
 
 if TYPE_CHECKING:
@@ -64,9 +65,16 @@ class Run:
     lines "seconds, value"."""
     end_stop: Annotated[UseAppendAction[tuple[str, ...]], option(metavar="PORT=LOW..HIGH")] = ()
     """End stops (deg) of a motor, at which it stalls: C=-90..120."""
+    start: Annotated[UseAppendAction[tuple[str, ...]], option(metavar="PORT=ANGLE")] = ()
+    """Angle (deg) at which a motor on the bench stands at first, as an absolute motor tells it:
+    A=90."""
     port: Annotated[UseAppendAction[tuple[str, ...]], option(metavar="PORT=DEVICE")] = ()
     """Which motor or sensor is on a port of the bench: A=interactive, B=spike-large, C=ColorSensor,
     D=nothing. On others there is what the program asks for, medium motors of SPIKE."""
+    storage: Annotated[Path | None, option(metavar="FILE")] = None
+    """File in which the virtual hub keeps what programs store, for the next run."""
+    hub_name: Annotated[str, option(metavar="NAME")] = USUAL_HUB_NAME
+    """What the virtual hub is called."""
     fault: Faults = ()
     log: Annotated[Path | None, option(metavar="FILE")] = None
     """CSV file of what each motor and sensor of the virtual hub did: every 10 ms the motors' angle,
@@ -238,7 +246,12 @@ class Run:
     ) -> Operation:
         """The deeds of a person, and the end stops if there is no body that has them."""
         from brickhub.cli.key_listener import can_listen, keys_heard
-        from brickhub.virtual.given_readings import parse_device, parse_end_stop, parse_reading
+        from brickhub.virtual.given_readings import (
+            parse_device,
+            parse_end_stop,
+            parse_reading,
+            parse_start,
+        )
         from brickhub.virtual.panel import parse_press
         from brickhub.virtual.run import Operation
 
@@ -263,7 +276,10 @@ class Run:
             presses=[parse_press(text) for text in self.press],
             readings=[parse_reading(text) for text in self.reading],
             end_stops=end_stops,
+            starts=dict(parse_start(text) for text in self.start),
             devices=dict(parse_device(text) for text in self.port),
+            hub_name=self.hub_name,
+            storage=self.storage,
             realtime=self.realtime,
             firmware=self.firmware,
             watch=watch,

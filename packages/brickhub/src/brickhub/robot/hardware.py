@@ -40,6 +40,10 @@ class _Kind(enum.Enum, metaclass=KindType):
         return kind
 
 
+USUAL_HUB_NAME = "Pybricks Hub"
+"""What a hub is called until somebody gives it a name when Pybricks is installed."""
+
+
 @dataclass(frozen=True)
 class HubModel:
     """Properties of a kind of hub.

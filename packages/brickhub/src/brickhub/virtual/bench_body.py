@@ -253,6 +253,7 @@ class FittedBench(BenchBody):
         hub: kind of hub.
         readings: of sensors; without one a sensor sees nothing near, dark, untouched and level.
         end_stops: lowest and highest angle of the motor on a port, deg of the shaft.
+        starts: angle at which the motor on a port stands at first, deg of the shaft; 0 for others.
         devices: what is on a port, ``None`` for nothing; on others there is what the program asks
             for, motors of the kind that is usual for the hub.
         report: called with a line about what the bench assumes.
@@ -267,10 +268,12 @@ class FittedBench(BenchBody):
         readings: Iterable[GivenReading] = (),
         end_stops: Mapping[str, tuple[float, float]] | None = None,
         devices: Mapping[str, MotorKind | SensorKind | None] = MappingProxyType({}),
+        starts: Mapping[str, float] = MappingProxyType({}),
         report: Callable[[str], object] = lambda line: None,
     ) -> None:
         super().__init__(Robot("bench", hub, needs_imu=hub.model.has_imu))
         self._stops = dict(end_stops or {})
+        self._starts = starts
         self._given_readings: dict[str, list[GivenReading]] = defaultdict(list)
         for reading in readings:
             self._given_readings[reading.port].append(reading)
@@ -281,10 +284,17 @@ class FittedBench(BenchBody):
         self._report: Callable[[str], object] | None = report
         self._tell = report
         self._up = (0.0, 0.0, 1.0)
-        for port in (*self._given_readings, *self._stops, *devices):
+        for port in (*self._given_readings, *self._stops, *starts, *devices):
             if port not in hub.model.ports:
                 raise TwinError(
                     f"the {hub.value} hub has no port {port}; it has {', '.join(hub.model.ports)}"
+                )
+        for port, start_deg in starts.items():
+            low, high = self._stops.get(port, (start_deg, start_deg))
+            if not low <= start_deg <= high:
+                raise TwinError(
+                    f"the motor on port {port} starts at {start_deg:g} deg, beyond its end stops; "
+                    "give a start between them"
                 )
         self._free_ports = set(hub.model.ports) - set(devices)
         for port, kind in devices.items():
@@ -351,7 +361,8 @@ class FittedBench(BenchBody):
         if stops_deg is not None:
             low, high = stops_deg
             stops_mdeg = (low * 1000.0, high * 1000.0)
-        self._motors[port] = BenchMotor(step_of(kind), stops_mdeg)
+        start_mdeg = 1000.0 * self._starts.get(port, 0.0)
+        self._motors[port] = BenchMotor(step_of(kind), stops_mdeg, start_mdeg)
 
     def _add_sensor(
         self,

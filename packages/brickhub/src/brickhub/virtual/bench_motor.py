@@ -148,8 +148,8 @@ def step_of(kind: MotorKind) -> Step:
 
 
 class BenchMotor:
-    """Motor: angle in mdeg, speed in mdeg/s, current in 0.1 mA, voltage in mV, end ``stops`` in
-    mdeg."""
+    """Motor: angle in mdeg, speed in mdeg/s, current in 0.1 mA, voltage in mV, end ``stops`` and
+    start in mdeg."""
 
     __slots__ = ("_friction_unm", "_steps", "angle", "current", "speed", "stops", "voltage")
 
@@ -157,8 +157,9 @@ class BenchMotor:
         self,
         step: Step,
         stops: tuple[float, float] | None = None,
+        start_mdeg: float = 0.0,
     ) -> None:
-        self.angle = 0.0
+        self.angle = start_mdeg
         self.speed = 0.0
         self.current = 0.0
         self.voltage = 0.0

@@ -211,6 +211,21 @@ def parse_end_stop(text: str) -> tuple[str, tuple[float, float]]:
     return match[1].upper(), (low, high)
 
 
+def parse_start(text: str) -> tuple[str, float]:
+    """Port and angle (deg of the shaft) of ``A=90``. Raises DescriptionError if the text is
+    invalid."""
+    refusal = f"'{text}' is not a start angle; give one such as A=90, from -180 to 179 degrees"
+    port, _, number = (part.strip() for part in text.partition("="))
+    try:
+        angle_deg = float(number)
+    except ValueError:
+        raise DescriptionError(refusal) from None
+    # The encoder of a motor tells where it stands within a turn, and no more.
+    if not re.fullmatch(_PORT, port) or not -180.0 <= angle_deg < 180.0:
+        raise DescriptionError(refusal)
+    return _port_of(port), angle_deg
+
+
 def end_stops_of(robot: Robot, texts: Iterable[str]) -> dict[str, tuple[float, float]]:
     """End stops (deg of the output) by name of the motor, of texts such as ``C=-90..120`` (deg of
     the shaft). Raises DescriptionError if a text is invalid, or the robot has no motor on the

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from brickhub.errors import UnknownNameError, hint
+from brickhub.robot.hardware import USUAL_HUB_NAME
 from brickhub.virtual.bench_body import FittedBench
 from brickhub.virtual.body import Body
 from brickhub.virtual.firmware.drive_base import DriveBaseControl, GyroHeading
@@ -148,6 +149,8 @@ class Machine:
         self.runs_program = False
         self.pace: Pace | None = None
         self.log: RunLog | None = None
+        self.hub_name = USUAL_HUB_NAME
+        self.storage = bytearray(body.robot.hub.model.storage_bytes)
         self.time_ms = 0
         self.time_ticks = _AFTER_LOOP_TICKS
         self.alarm_ms: int | None = None

@@ -14,6 +14,7 @@ from types import FrameType
 from typing import BinaryIO, TextIO
 
 from brickhub.errors import TwinError
+from brickhub.files import reading, write_durably
 from brickhub.hub.program.imported_hub import imported_hub
 from brickhub.hub.program.lego_languages import language_note
 from brickhub.hub.program.pybricks2 import outdated_note
@@ -26,6 +27,7 @@ from brickhub.hub.program.run_program import (
 )
 from brickhub.hub.transport import HubProgram, as_typed
 from brickhub.robot import HubKind, MotorKind, SensorKind
+from brickhub.robot.hardware import USUAL_HUB_NAME
 from brickhub.virtual import error_numbers
 from brickhub.virtual.bench_body import FittedBench
 from brickhub.virtual.body import Body
@@ -143,7 +145,11 @@ class Operation:
         presses: of buttons, at simulated times.
         readings: of sensors on the bench, by port.
         end_stops: lowest and highest angle (deg) of motors on the bench, by port.
+        starts: angle (deg) at which motors on the bench stand at first, by port.
         devices: motors and sensors on the bench, by port; ``None`` for nothing.
+        hub_name: what the hub is called.
+        storage: file with what the hub's programs have stored, written anew at the end; ``None``
+            for a hub that forgets it.
         realtime: run in real time.
         firmware: version of the firmware to play, such as ``"4.0"``.
         watch: called with the hub's panel before the program starts.
@@ -154,7 +160,10 @@ class Operation:
     presses: Sequence[Press] = ()
     readings: Sequence[GivenReading] = ()
     end_stops: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    starts: Mapping[str, float] = field(default_factory=dict)
     devices: Mapping[str, MotorKind | SensorKind | None] = field(default_factory=dict)
+    hub_name: str = USUAL_HUB_NAME
+    storage: Path | None = None
     realtime: bool = False
     firmware: str = NEWEST
     watch: Callable[[Panel], None] | None = None
@@ -207,17 +216,21 @@ def run_file(
             operation.readings,
             operation.end_stops,
             operation.devices,
+            operation.starts,
             report=lambda line: stderr.write(f"{line}\n"),
         )
         machine = Machine(body, Panel(hub, operation.presses, near=WIRELESS))
-    elif operation.readings or operation.end_stops or operation.devices:
+    elif operation.readings or operation.end_stops or operation.devices or operation.starts:
         raise TwinError(
-            "readings and devices on ports are for the bench, and a body has its end stops; omit "
-            "them, or take --robot bench"
+            "readings, start angles and devices on ports are for the bench, and a body has its end "
+            "stops; omit them, or take --robot bench"
         )
     else:
         machine = Machine(body, Panel(body.robot.hub, operation.presses))
     machine.firmware = firmware
+    machine.hub_name = operation.hub_name
+    if operation.storage is not None:
+        _restore(machine, operation.storage)
     if time_limit_s is not None:
         machine.alarm_ms = round(time_limit_s * 1000)
         machine.on_alarm = functools.partial(_end_at_limit, time_limit_s)
@@ -228,14 +241,34 @@ def run_file(
     if operation.attend is not None:
         operation.attend(machine)
     console = StreamConsole(machine, stdin, stdout)
-    return _run(
-        program,
-        path,
-        machine,
-        console,
-        stdout,
-        stderr,
-    )
+    try:
+        return _run(
+            program,
+            path,
+            machine,
+            console,
+            stdout,
+            stderr,
+        )
+    finally:
+        # A hub keeps it too, however the program ended.
+        if operation.storage is not None:
+            write_durably(operation.storage, bytes(machine.storage))
+
+
+def _restore(machine: Machine, path: Path) -> None:
+    """Give the hub what its programs have stored before. Raises TwinError if it has no place for
+    it."""
+    if not path.exists():
+        return
+    with reading("the storage", path, TwinError, "name another file, or leave out --storage"):
+        stored = path.read_bytes()
+    size = len(machine.storage)
+    if len(stored) > size:
+        raise TwinError(
+            f"{path} has {len(stored)} bytes, and the hub stores {size}; name another file"
+        )
+    machine.storage[: len(stored)] = stored
 
 
 def _run(

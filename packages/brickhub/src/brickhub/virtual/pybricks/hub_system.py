@@ -38,9 +38,6 @@ class Charger(Native):
 
 
 class System(Native):
-    def __init__(self) -> None:
-        self._storage = bytearray(self._machine.robot.hub.model.storage_bytes)
-
     def set_stop_button(self, button: Any) -> None:
         """Set the buttons; ``Button`` itself is none. A hub with one button takes it for anything
         that is true."""
@@ -67,7 +64,7 @@ class System(Native):
         panel.stop_buttons = frozenset(names)
 
     def name(self) -> str:
-        return "Pybricks Hub"
+        return self._machine.hub_name
 
     def reset_reason(self) -> int:
         return 0
@@ -101,11 +98,13 @@ class System(Native):
         size = read if write is None else len(data)
         end = start + size
         expect(start >= 0 and size >= 0)
-        expect(end <= len(self._storage))
+        stored = self._machine.storage
+        expect(end <= len(stored))
         if write is None:
-            return bytes(self._storage[start:end])
-        self._storage[start:end] = data
+            return bytes(stored[start:end])
+        stored[start:end] = data
         return None
 
     def reset_storage(self) -> None:
-        self._storage[:] = bytes(len(self._storage))
+        stored = self._machine.storage
+        stored[:] = bytes(len(stored))
