@@ -25,7 +25,7 @@ project = "BricksRL"
 author = "The BricksRL developers"
 release = bricksrl.__version__
 extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx.ext.viewcode"]
-exclude_patterns = ["_build", "episodes"]
+exclude_patterns = ["_build", "episodes", "hub_programs"]
 suppress_warnings = ["ref.python"]  # some names, such as `make`, are in two modules
 html_theme = "furo"
 html_title = "BricksRL"
@@ -63,6 +63,12 @@ TURNED = """```{{raw}} html
 """An episode in 3D, on a page of its own."""
 
 
+ALIVE = """<p><a href="../tab/index.html#example={0}"><b>▶ Alive in a tab</b></a>: its trained policy, as its hub's program.</p>
+
+"""  # noqa: E501
+"""A robot that acts by its policy, in the site that `make docs` puts beside these pages."""
+
+
 def write(path: Path, text: str) -> None:
     """A generated page, written when it changed."""
     if not path.exists() or path.read_text(encoding="utf-8") != text:
@@ -84,6 +90,9 @@ def environments() -> str:
         shown = f"![An episode of {env_id}](../{picture})\n\n" if (DOCS / picture).exists() else ""
         if (DOCS / "episodes" / f"{env_id}.json").exists():
             shown += TURNED.format(env_id)
+        program = f"{env_id.lower().replace('-', '_')}.py"
+        if (DOCS / "hub_programs" / program).exists():
+            shown += ALIVE.format(program)
         body = re.sub(
             r"^## ", "### ", get_task(env_id).doc.partition("\n")[2].strip(), flags=re.MULTILINE
         )

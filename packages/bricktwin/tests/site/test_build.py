@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import json
 import re
+import sys
+import zipfile
 from pathlib import Path
 
 import pytest
 
-from bricktwin.site import build, packages
+from bricktwin.site import build, compiled, packages
 from bricktwin.site.packages import Package, SiteError
+from bricktwin.site.tab.plain_values import plain
+from bricktwin.twin.scene import Scene
 
 
 def test_other_files_are_not_replaced(tmp_path: Path) -> None:
@@ -54,3 +59,32 @@ def test_policies_are_offered(tmp_path: Path) -> None:
         "robot": "walker",
         "world": "",
     }
+
+
+def test_a_policy_brings_its_world(tmp_path: Path) -> None:
+    (tmp_path / "away.py").write_text("# A network\n# Robot: two-wheeler away\n")
+    scene = Scene(wall_distance_mm=(200.0, 300.0))
+    (tmp_path / "away.json").write_text(json.dumps(plain(scene)))
+    offered = build.programs(tmp_path)
+    assert build._named_worlds(offered, tmp_path) == {"two-wheeler": {"away": scene}}
+    (tmp_path / "away.json").write_text("[1, 2]")
+    with pytest.raises(SiteError, match=r"away.json is not the world of a policy"):
+        build._named_worlds(offered, tmp_path)
+
+
+def test_modules_that_are_left_out_are_whole_names() -> None:
+    kept = ("traceback.py", "html/entities.py", "encodings/utf_8.py", "importlib/readers.py")
+    assert not [name for name in kept if compiled._NEVER_ASKED.match(name)]
+    left_out = ("trace.py", "http/client.py", "encodings/big5.py", "email/message.py")
+    assert all(compiled._NEVER_ASKED.match(name) for name in left_out)
+
+
+def test_a_compiler_that_fails_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "pyodide").mkdir()
+    with zipfile.ZipFile(tmp_path / "pyodide" / compiled.LIBRARY, "w") as archive:
+        archive.writestr("io.py", "")
+    monkeypatch.setattr(compiled, "node", lambda: sys.executable)
+    work = tmp_path / "work"
+    work.mkdir()
+    with pytest.raises(SiteError, match="modules for the tab cannot be compiled: .*Error"):
+        compiled.write_archives(tmp_path / "pyodide", b"", work, tmp_path / "made")

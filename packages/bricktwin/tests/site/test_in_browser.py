@@ -182,6 +182,17 @@ def test_a_link_holds_the_program(page: Page) -> None:
     assert link == [page.url, {"name": name, "source": "print('from a friend: ä')\n"}]
 
 
+@pytest.mark.slow
+def test_an_address_opens_an_example_and_runs_it(page: Page, address: str) -> None:
+    other = page.context.new_page()
+    other.goto(f"{address}#example=hello.py")
+    other.wait_for_selector(ENDED)
+    assert other.input_value("#programs") == "hello.py"
+    assert other.input_value("#robot") == "bench"
+    assert other.text_content("#console")
+    other.close()
+
+
 def test_programs_are_kept_and_the_site_works_without_a_network(page: Page) -> None:
     source = "print('kept')\n"
     name = open_program(page, source, "kept.py")
