@@ -6,7 +6,7 @@ ends on a real one.
 The folder has a folder for each repository, such as ``mkoeda+LEGO_Python``, as they are cloned:
 those of ``ev3_programs.csv``. A program counts if it, or a module beside it that it imports,
 imports ``pybricks``, and neither a hub of Powered Up. Each runs in a process of its own, on the
-bench with all devices that it asks for, without input, for 10 simulated seconds. The result has
+bench with all devices that it asks for, without input, for 3 simulated seconds. The result has
 counts and the firmware's words only, nothing of the files themselves.
 
 What a brick does is said by the firmware's own tables of names (v4.1.0b2, ``pb_module_*.c`` with
@@ -33,8 +33,8 @@ from brickhub.hub.program.run_program import load_program
 from brickhub.hub.program.syntax import imported_names, parse
 from brickhub.hub.transport import HubProgram
 
-TIME_LIMIT_S = 10.0
-_TIMEOUT_S = 120.0
+TIME_LIMIT_S = 3.0
+_TIMEOUT_S = 600.0
 _POWERED_UP = {"PrimeHub", "InventorHub", "EssentialHub", "TechnicHub", "CityHub", "MoveHub"}
 # Names of the firmware's modules on an EV3.
 NAMES: dict[str, set[str]] = {
