@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import io
 import socket
 import threading
@@ -106,3 +107,12 @@ def test_unknown_host_raises() -> None:
 )
 def test_only_hubs_with_a_display_show_one(hub: HubKind, pixels: int) -> None:
     assert len(panel_of(Panel(hub))["display"] or ()) == pixels
+
+
+def test_screen_of_a_brick_goes_to_the_page_as_four_pixels_a_byte() -> None:
+    panel = Panel(HubKind.EV3)
+    assert panel_of(panel)["screen"] == {"width": 178, "height": 128, "pixels": ""}
+    panel.change(screen=bytes((3, 2, 1, 0)) + bytes(178 * 128 - 4))
+    pixels = base64.b64decode(panel_of(panel)["screen"]["pixels"])
+    assert (pixels[0], len(pixels)) == (0b11100100, 178 * 128 // 4)
+    assert panel_of(Panel(HubKind.PRIME))["screen"] is None

@@ -5,6 +5,7 @@ Buttons are pressed by a script (``Press``, at a simulated time), or from Python
 the program runs.
 """
 
+import base64
 import math
 import re
 from collections.abc import Callable, Iterable, Iterator
@@ -205,6 +206,16 @@ class Panel:
                 row += _SHADES[min(3, shade)]
             rows.append(row)
         return "/".join(rows)
+
+    def packed_screen(self) -> str:
+        """Shades of the screen's pixels, four to a byte, the first one in its highest bits, in
+        base64; empty as long as nothing is drawn."""
+        pixels = self.screen
+        packed = bytearray()
+        for start in range(0, len(pixels), 4):
+            a, b, c, d = pixels[start : start + 4]
+            packed.append((a & 3) << 6 | (b & 3) << 4 | (c & 3) << 2 | (d & 3))
+        return base64.b64encode(packed).decode()
 
     def tap(self, button: str) -> None:
         """Press a button now, for :data:`DEFAULT_PRESS_S`."""

@@ -280,8 +280,14 @@ class RobotView:
 
 
 def panel_of(panel: Panel) -> dict[str, Any]:
-    """Display (``None`` where the hub has none), text and light of a hub, for the page."""
+    """Display and screen (``None`` where the hub has none), text and light of a hub, for the
+    page."""
+    screen = None
+    if panel.screen_pixels is not None:
+        width, height = panel.screen_pixels
+        screen = {"width": width, "height": height, "pixels": panel.packed_screen()}
     return {
+        "screen": screen,
         "display": list(panel.display) if panel.has_display else None,
         "text": panel.text,
         "light": panel.light,

@@ -50,7 +50,11 @@ def device_table() -> dict[str, Any]:
     hubs = {}
     for kind in HubKind:
         model = kind.model
-        panel = {"buttons": list(model.buttons), "display": model.has_display}
+        panel = {
+            "buttons": list(model.buttons),
+            "display": model.has_display,
+            "screen": model.screen_pixels,
+        }
         hubs[model.class_name] = panel
         # An EV3 Brick has the name of the Prime hub too, whose it is.
         if model.alias:

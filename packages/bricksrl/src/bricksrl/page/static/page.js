@@ -175,12 +175,27 @@ function showFacts() {
   });
 }
 
+// A screen of four shades: four pixels to a byte, 0 is white, 3 is black.
+function drawScreen(canvas, { width, height, pixels }) {
+  if (canvas.dataset.pixels === pixels) return;
+  canvas.dataset.pixels = pixels;
+  Object.assign(canvas, { width, height });
+  const bytes = atob(pixels), context = canvas.getContext("2d"), picture = context.createImageData(width, height);
+  for (let i = 0; i < width * height; i++) {
+    const shade = (bytes.charCodeAt(i >> 2) >> (6 - 2 * (i & 3))) & 3;
+    picture.data.set([...Array(3).fill(235 - 70 * shade), 255], 4 * i);
+  }
+  context.putImageData(picture, 0, 0);
+}
+
 function showHub() {
   const { hub, link } = status;
   $("hub").hidden = !hub && !link;
   const display = $("display");
   display.hidden = !hub?.display;
   $("light").hidden = !hub;
+  $("screen").hidden = !hub?.screen?.pixels;
+  if (hub?.screen?.pixels) drawScreen($("screen"), hub.screen);
   if (hub) {
     if (display.hidden) display.replaceChildren();
     else if (hub.text) display.replaceChildren(Object.assign(document.createElement("b"), { textContent: hub.text }));

@@ -9,6 +9,7 @@ export class Board {
     this.element = element;
     this.onButton = onButton;
     this.display = element.querySelector(".display");
+    this.screen = element.querySelector(".screen");
     this.light = element.querySelector(".light");
     this.angles = element.querySelector(".angles");
     this.lamps = element.querySelector(".lamps");
@@ -53,12 +54,27 @@ export class Board {
     this.element.dataset.hub = name;
     this.element.querySelector(".kind").textContent = name;
     this.display.hidden = !hub.display;
+    this.screen.hidden = !hub.screen;
+    if (hub.screen) [this.screen.width, this.screen.height] = hub.screen;
     this.element.querySelectorAll("[data-button]").forEach((button) => (button.hidden = !hub.buttons.includes(button.dataset.button)));
+  }
+
+  // The screen of a brick: base64 of its shades; empty for nothing.
+  draw(pixels) {
+    const { width, height, hidden } = this.screen;
+    if (hidden) return;
+    const bytes = atob(pixels), context = this.screen.getContext("2d"), picture = context.createImageData(width, height);
+    for (let i = 0; i < width * height; i++) {
+      const shade = SHADES[(bytes.charCodeAt(i >> 2) >> (6 - 2 * (i & 3))) & 3] ?? SHADES[0];
+      picture.data.set([shade, shade, shade, 255], 4 * i);
+    }
+    context.putImageData(picture, 0, 0);
   }
 
   // What the hub shows; null for nothing.
   show(panel) {
-    const { light = null, display = [], text = "", turns = 0, hz = 0, lamps = {} } = panel ?? {};
+    const { light = null, display = [], text = "", turns = 0, hz = 0, lamps = {}, screen = "" } = panel ?? {};
+    this.draw(screen);
     this.light.style.setProperty("--light", light ? colour(light) : "#d4d8df");
     this.light.classList.toggle("on", Boolean(light));
     this.light.setAttribute("aria-label", light ? `Light: hue ${light[0]}, ${light[2]} %` : "Light: off");
@@ -75,6 +91,9 @@ export class Board {
     this.sound.play(hz);
   }
 }
+
+// Shades of a screen, four pixels to a byte, as red, green and blue.
+const SHADES = [235, 165, 95, 25];
 
 // Index of the pixel that is shown at a place, after clockwise quarter turns.
 function turned(i, turns) {

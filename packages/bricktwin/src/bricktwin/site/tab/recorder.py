@@ -115,4 +115,5 @@ class Recorder:
             turns=panel.quarter_turns,
             hz=panel.sound_hz,
             lamps=panel.lamps,
+            screen=panel.packed_screen(),
         )
