@@ -12,6 +12,7 @@ from typing import Any
 
 from brickhub.errors import UnknownNameError, hint
 from brickhub.robot.hardware import USUAL_HUB_NAME
+from brickhub.virtual.air import Antenna
 from brickhub.virtual.bench_body import FittedBench
 from brickhub.virtual.body import Body
 from brickhub.virtual.firmware.drive_base import DriveBaseControl, GyroHeading
@@ -122,6 +123,9 @@ class Machine:
         pace: keeps simulated time to real time at each control loop; ``None`` for as fast as
             possible.
         log: log of the run; ``None`` for none.
+        antenna: what the hub broadcasts and hears.
+        hub_name: what the hub is called.
+        storage: what its programs have stored.
         panel: buttons, light, display and loudspeaker.
         heading: heading of the robot by the gyroscope.
         modes: mode of each device that has modes, by port.
@@ -149,6 +153,7 @@ class Machine:
         self.runs_program = False
         self.pace: Pace | None = None
         self.log: RunLog | None = None
+        self.antenna = Antenna()
         self.hub_name = USUAL_HUB_NAME
         self.storage = bytearray(body.robot.hub.model.storage_bytes)
         self.time_ms = 0

@@ -320,8 +320,9 @@ def _run(
         stderr.write(report)
         return 1
     finally:
-        # However it ended: motors coast, and the last line is on the screen.
+        # However it ended: motors coast, the radio is silent, and the last line is on the screen.
         machine.stop_motors()
+        machine.antenna.broadcast(machine.time_ms, 0, None)
         stdout.flush()
     return 0
 

@@ -14,7 +14,7 @@ from brickhub.virtual.pybricks.hub_system import Battery, Charger, System
 from brickhub.virtual.pybricks.image import Screen
 from brickhub.virtual.pybricks.imu import IMU, Accelerometer
 from brickhub.virtual.pybricks.parameters import Axis
-from brickhub.virtual.pybricks.wireless import Radio
+from brickhub.virtual.pybricks.radio import Radio
 
 _MOVED_MESSAGE = b"""Hub messaging has been moved. You should use:\r
 \r

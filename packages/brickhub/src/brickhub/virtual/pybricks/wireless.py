@@ -1,8 +1,8 @@
 """Bluetooth: devices, messages between hubs, and AppData for the host (``pybricks.messaging`` of
 Pybricks 4).
 
-Only a remote control and an Xbox controller can be near: searches for others time out. A virtual
-hub sends messages, but receives none. Names and errors: ``pybricks`` on PyPI,
+Only a remote control and an Xbox controller can be near: searches for others time out. Names and
+errors: ``pybricks`` on PyPI,
 ``pb_type_iodevices_lwp3device.c``, ``pb_type_iodevices_xbox_controller.c``, v4.
 """
 
@@ -26,6 +26,7 @@ from brickhub.virtual.pybricks.arguments import (
 from brickhub.virtual.pybricks.context import Context, Native, bind
 from brickhub.virtual.pybricks.parameters import Color, buttons
 from brickhub.virtual.pybricks.pupsensors import ColorLight
+from brickhub.virtual.pybricks.radio import BLERadio
 
 _MAX_NAME_BYTES = 14
 _SEARCH_MS = 500
@@ -54,10 +55,6 @@ _STICK_MAX = 2**15 - 1
 _TRIGGER_MAX = 1023
 _MESSAGE_BYTES = range(3, 21)
 """Length of a message of LEGO's wireless protocol 3: a header, and what fits a notification."""
-_LAST_CHANNEL = 255
-_MAX_PAYLOAD_BYTES = 26
-"""Room in an advertisement of 31 bytes."""
-_NOTHING_HEARD_DBM = -128
 _MAX_EVENT_BYTES = 19
 """Room in a notification of 20 bytes behind the kind of event."""
 # AppData begins what it tells the host itself with this byte.
@@ -377,80 +374,6 @@ def _dpad(down: frozenset[str]) -> int:
         (-1, 1): 8,
     }
     return numbers.get((x, y), 0)
-
-
-class Radio(Native):
-    """``hub.ble`` and ``pybricks.messaging.BLERadio``; channels 0 to 255."""
-
-    def __init__(
-        self,
-        broadcast_channel: Any = None,
-        observe_channels: Any = (),
-    ) -> None:
-        if broadcast_channel is not None:
-            channel = get_exact_int(broadcast_channel)
-            if not 0 <= channel <= _LAST_CHANNEL:
-                raise ValueError("Broadcast channel must be 0 to 255 or None")
-        # Values are read by index, because anything that has a length and items will do.
-        channels = []
-        for index in range(len(observe_channels)):
-            channels.append(get_exact_int(observe_channels[index]))
-        if not all(0 <= channel <= _LAST_CHANNEL for channel in channels):
-            raise ValueError("observe channel must be 0 to 255")
-        self._broadcast_channel = broadcast_channel
-        self._observed = frozenset(channels)
-
-    def broadcast(self, data: Any) -> Any:
-        if self._broadcast_channel is None:
-            raise RuntimeError("no broadcast channel selected")
-        if data is not None:
-            is_sequence = isinstance(data, list | tuple)
-            values = data if is_sequence else [data]
-            size = sum(map(_encoded_bytes, values))
-            # A byte marks a single value, so that the receiver makes no tuple of it.
-            if not is_sequence:
-                size += 1
-            if size > _MAX_PAYLOAD_BYTES:
-                raise ValueError(f"payload limited to {_MAX_PAYLOAD_BYTES} bytes")
-        return self._context.done()
-
-    def observe(self, channel: Any) -> None:
-        self._check(channel)
-
-    def signal_strength(self, channel: Any) -> int:
-        self._check(channel)
-        return _NOTHING_HEARD_DBM
-
-    def version(self) -> str:
-        return "v1.0"
-
-    def _check(self, channel: Any) -> None:
-        if get_exact_int(channel) not in self._observed:
-            raise ValueError("channel not configured")
-
-
-def _encoded_bytes(value: Any) -> int:
-    """Size of a value in an advertisement: type byte and value."""
-    match value:
-        # True and False are two types without a value. They come before int, because Python's bool
-        # is a kind of int.
-        case bool():
-            return 1
-        case int():
-            if -(2**7) <= value < 2**7:
-                return 2
-            if -(2**15) <= value < 2**15:
-                return 3
-            return 5
-        case float():
-            return 5
-        case str() | bytes() | bytearray() | memoryview():
-            return 1 + len(as_bytes(value))
-    raise TypeError("must be True, False, int, float, str or bytes")
-
-
-class BLERadio(Radio):
-    """Radio of Pybricks 4, separate from the hub."""
 
 
 class HubNetwork:
