@@ -234,3 +234,49 @@ def test_homing_that_nothing_stops_is_said(bricktwin, tmp_path):
     assert "in this twin nothing does: give --end-stop D=-90..90\n" in done.err  # its motor alone
     stops = [word for port in "ABCD" for word in ("--end-stop", f"{port}=-5..5")]
     assert bricktwin("run", str(program), "--robot", "walker", *stops) == (0, "", "")
+
+
+CONTROLLER = """
+from pybricks.messaging import BLERadio
+from pybricks.tools import wait
+radio = BLERadio(broadcast_channel=1, observe_channels=[2])
+for speed in (200, -100):
+    radio.broadcast(speed)
+    wait(1500)
+    print(radio.observe(2), radio.signal_strength(2))
+"""
+DRIVER = """
+from pybricks.messaging import BLERadio
+from pybricks.parameters import Direction, Port
+from pybricks.pupdevices import Motor
+from pybricks.robotics import DriveBase
+from pybricks.tools import wait
+radio = BLERadio(broadcast_channel=2, observe_channels=[1])
+base = DriveBase(Motor(Port.E, Direction.COUNTERCLOCKWISE), Motor(Port.A), 56, 130)
+speed = None
+while speed is None:
+    speed = radio.observe(1)
+    wait(5)
+while speed is not None:
+    base.drive(speed, 0)
+    radio.broadcast(base.distance())
+    wait(20)
+    speed = radio.observe(1)
+base.stop()
+"""
+
+
+def test_robots_of_several_programs_share_a_world(bricktwin, fails, tmp_path: Path) -> None:
+    files = []
+    for name, text in (("controller", CONTROLLER), ("driver", DRIVER)):
+        (tmp_path / f"{name}.py").write_text(text)
+        files.append(str(tmp_path / f"{name}.py"))
+    robots = ("--robot", "two-wheeler", "--robot", "scout")
+    done = bricktwin("run", *files, *robots)
+    ahead, back = (line.removeprefix("controller: ").split() for line in done.out.splitlines())
+    assert 200 < int(ahead[0]) < 300 and int(back[0]) < int(ahead[0])
+    assert -55 < int(ahead[1]) < -45, "half a metre apart, and more"
+    fails("run", *files, "--robot", "scout", says="there are 2 programs and 1 robots")
+    fails("run", *files, "--robot", "robo-arm", "--robot", "scout", says="stands on a fixed base")
+    fails("run", files[0], *robots, says="--robot is named 2 times for one program")
+    fails("run", *files, *robots, "--scene", "maze", says="several hubs have no --scene")

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import io
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, BinaryIO, TextIO, cast
+from typing import TYPE_CHECKING, Annotated, BinaryIO, ClassVar, TextIO, cast
 
 from tyro.conf import Positional, UseAppendAction
 
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from brickhub.virtual.body import Body
     from brickhub.virtual.machine import Machine
     from brickhub.virtual.panel import Panel
+    from brickhub.virtual.room import Room
     from brickhub.virtual.run import Operation
 
 
@@ -45,14 +46,19 @@ class Run:
       brickhub run main.py --realtime --panel
       brickhub run main.py --robot my_robot.py --time-limit-s 60
       brickhub run main.py --log run.csv
+      brickhub run left.py right.py
       brickhub run main.py --hub ble
     """
 
     file: Annotated[Positional[Path], option(metavar="FILE")]
     """Pybricks program."""
-    robot: Annotated[str | None, option(metavar="ROBOT"), Existing(check_there)] = None
+    others: Annotated[Positional[tuple[Path, ...]], option(metavar="FILE")] = ()
+    """More programs, each on a hub of its own in the same room, where hubs hear one another."""
+    robot: Annotated[
+        UseAppendAction[tuple[str, ...]], option(metavar="ROBOT"), Existing(check_there)
+    ] = ()
     """Virtual robot: my_robot.py, or a name that bricktwin or bricksrl adds, such as walker or
-    RunAway-v0."""
+    RunAway-v0. With several programs once for each, in their order."""
     hub: Annotated[str, option(metavar="HUB")] = "virtual"
     """Which hub: virtual, in simulated time, or ble, ble:NAME, ble:ADDRESS, usb, usb:PORT."""
     time_limit_s: Annotated[float | None, option(metavar="SECONDS")] = None
@@ -110,6 +116,12 @@ class Run:
         stdin = sys.stdin
         if isinstance(stdin, io.TextIOWrapper):
             stdin.reconfigure(errors="surrogateescape")
+        if self.others:
+            return self._run_in_a_room()
+        if len(self.robot) > 1:
+            raise DescriptionError(
+                f"--robot is named {len(self.robot)} times for one program; name it once"
+            )
         if address.is_virtual:
             return self._run_virtually(is_for_kit=is_for_kit)
         for name in changed_options(self):
@@ -142,6 +154,67 @@ class Run:
                 stdin=stdin,
                 time_limit_s=self.time_limit_s,
             )
+
+    def _run_in_a_room(self) -> int:
+        """Run several programs, each on a virtual hub of its own; the first exit code that is not
+        0."""
+        from brickhub.virtual.room import HubProgramFile, Room
+        from brickhub.virtual.run import Operation
+
+        for name in changed_options(self):
+            if name not in self.of_a_room:
+                raise DescriptionError(f"several hubs have no {name}; run one program, or omit it")
+        paths = (self.file, *self.others)
+        if self.robot and len(self.robot) != len(paths):
+            raise DescriptionError(
+                f"there are {len(paths)} programs and {len(self.robot)} robots; name a robot for "
+                "each program, in their order, or none"
+            )
+        operation = Operation(realtime=self.realtime, firmware=self.firmware)
+        with ExitStack() as stack:
+            bodies = self.bodies(stack)
+            programs = [
+                HubProgramFile(path, body, operation)
+                for path, body in zip(paths, bodies, strict=True)
+            ]
+            out, err = self.streams(stack)
+            room = Room(
+                programs,
+                stdout=out,
+                stderr=err,
+                time_limit_s=self.time_limit_s,
+                distance_m=self.distance_m,
+            )
+            self.settle_in(room)
+            codes = room.run()
+        return next((code for code in codes if code), 0)
+
+    of_a_room: ClassVar[tuple[str, ...]] = (
+        "--file",
+        "--others",
+        "--time-limit-s",
+        "--realtime",
+        "--firmware",
+    )
+    """Options that several programs have together."""
+
+    def bodies(self, stack: ExitStack) -> Sequence[Body | None]:
+        """Bodies of the robots of several programs; ``None`` for a bench. ``stack`` closes what
+        they need. Raises DescriptionError for a robot, as nothing here has a body."""
+        if self.robot:
+            raise DescriptionError(
+                "robots that share a world need their bodies; install bricktwin, or omit --robot"
+            )
+        return [None] * (1 + len(self.others))
+
+    def distance_m(self, one: int, other: int) -> float:
+        """Distance of two hubs of several, by number."""
+        from brickhub.virtual.room import DISTANCE_M
+
+        return DISTANCE_M
+
+    def settle_in(self, room: Room) -> None:
+        """Called with the room before its programs run."""
 
     def _run_virtually(self, *, is_for_kit: bool) -> int:
         from brickhub.kits.kit_run import run_kit_file
@@ -187,11 +260,11 @@ class Run:
     def body(self, stack: ExitStack) -> Body | None:
         """Body of the virtual robot; ``None`` for the bench that adapts to the program. ``stack``
         closes what it needs."""
-        if self.robot is None:
+        if not self.robot:
             return self.faulty(None)
         from brickhub.robot import BENCH
 
-        target = self.target(self.robot)
+        target = self.target(self.robot[0])
         if target.robot is BENCH:
             return self.faulty(None)
         return self.faulty(target.make_body(**self.stops_of(target)))

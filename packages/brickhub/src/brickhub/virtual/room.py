@@ -220,8 +220,8 @@ class _Marked(Generic[Text]):
 
     def __init__(self, out: Any, mark: Text, line_end: Text) -> None:
         self._out = out
-        self._mark = mark
-        self._line_end = line_end
+        self._mark: Text = mark
+        self._line_end: Text = line_end
         self._line: Text = mark[:0]
 
     def write(self, data: Text, /) -> int:

@@ -9,6 +9,8 @@ from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Annotated, BinaryIO, TextIO, cast
 
+from tyro.conf import UseAppendAction
+
 from brickhub.options import Existing, option
 from brickhub.user_files import check_there
 from bricksrl.cli.page import LivePageGroup, PageFlag, announce, has_screen, shown
@@ -51,9 +53,12 @@ class Run(run.Run):
       bricksrl hub run main.py --hub ble
     """
 
-    robot: Annotated[str | None, option(metavar="ROBOT"), Existing(check_there)] = None
+    robot: Annotated[
+        UseAppendAction[tuple[str, ...]], option(metavar="ROBOT"), Existing(check_there)
+    ] = ()
     """Virtual robot: two-wheeler, scout, walker, robo-arm, cart or bench; RunAway-v0, with its
-    scene, or another environment; a building plan, my_robot.ldr; my_robot.py."""
+    scene, or another environment; a building plan, my_robot.ldr; my_robot.py. With several programs
+    once for each, in their order: they share one world."""
     page: PageFlag = False
     live_page: LivePageGroup = PageOptions()
 
@@ -61,8 +66,8 @@ class Run(run.Run):
         shown(self.live_page, self.page)
         drawn = self
         # A page without a robot has nothing to draw.
-        if self.page and self.robot is None:
-            drawn = replace(self, robot=run.ROBOT_OF_SCENES)
+        if self.page and not self.robot:
+            drawn = replace(self, robot=(run.ROBOT_OF_SCENES,))
         return super(Run, drawn).body(stack)
 
     @functools.cached_property

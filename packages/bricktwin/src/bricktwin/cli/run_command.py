@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import math
 import re
+from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
+from functools import cached_property, partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, ClassVar
+
+from tyro.conf import UseAppendAction
 
 from brickhub.cli import run_command as run
 from brickhub.cli.terminal import print_note
@@ -16,7 +21,11 @@ from brickhub.user_files import check_there
 if TYPE_CHECKING:
     from brickhub.target import Target
     from brickhub.virtual.body import Body
+    from brickhub.virtual.room import Room
+    from bricktwin.twin.arena import ArenaWorld
 
+_APART_M = 0.5
+"""Distance between neighbours of several robots."""
 ROBOT_OF_SCENES = "scout"
 """Robot of films and scenes where none is named: it has an eye for walls and one for lines."""
 
@@ -43,12 +52,16 @@ class Run(run.Run):
       bricktwin run follow.py --scene mat.png:fll
       bricktwin run main.py --reading B=red --reading C=200mm --press left@2.5s
       bricktwin run main.py --hub ble
+      bricktwin run left.py right.py --robot two-wheeler --robot scout
       bricktwin run lego_program.py --robot cart --video cart.mp4
     """
 
-    robot: Annotated[str | None, option(metavar="ROBOT"), Existing(check_there)] = None
+    robot: Annotated[
+        UseAppendAction[tuple[str, ...]], option(metavar="ROBOT"), Existing(check_there)
+    ] = ()
     """Virtual robot: two-wheeler, scout, walker, robo-arm, cart or bench; a building plan,
-    my_robot.ldr; my_robot.py."""
+    my_robot.ldr; my_robot.py. With several programs once for each, in their order: they share one
+    world."""
     scene: Annotated[str | None, option(metavar="SCENE"), Existing(check_there)] = None
     """Scene of the virtual robot: a world of ours, line-simple, line-sharp, line-junctions,
     line-gaps, line-obstacles, colors, squares, maze, cans, ramps, wall, room, sumo, football,
@@ -76,6 +89,45 @@ class Run(run.Run):
             )
         return body
 
+    of_a_room: ClassVar[tuple[str, ...]] = (*run.Run.of_a_room, "--robot")
+
+    def bodies(self, stack: ExitStack) -> Sequence[Body | None]:
+        if not self.robot:
+            return super().bodies(stack)
+        world = self._world
+        return world.bodies
+
+    def distance_m(self, one: int, other: int) -> float:
+        if not self.robot:
+            return super().distance_m(one, other)
+        places = [body.pose() for body in self._world.bodies]
+        return math.hypot(
+            places[one].x_m - places[other].x_m,
+            places[one].y_m - places[other].y_m,
+        )
+
+    def settle_in(self, room: Room) -> None:
+        if self.robot:
+            world = self._world
+            world.runners = [partial(room.run_until, number) for number in range(len(world.bodies))]
+
+    @cached_property
+    def _world(self) -> ArenaWorld:
+        """The world that several robots share: they stand side by side, and look ahead."""
+        import numpy as np
+
+        from bricktwin.twin.arena import Arena, ArenaWorld, Contestant, Place
+
+        contestants = []
+        for number, name in enumerate(self.robot):
+            robot = self.target(name).robot
+            y_m = number * _APART_M
+            place = Place(y_m=(y_m, y_m))
+            contestants.append(Contestant(f"robot{number + 1}", robot, place))
+        world = ArenaWorld(Arena(tuple(contestants), gap_m=0.0))
+        world.place(np.random.default_rng(0))
+        return world
+
     def _made_body(self, stack: ExitStack) -> Body | None:
         if self.video is None and self.scene is None:
             return super().body(stack)
@@ -83,7 +135,7 @@ class Run(run.Run):
         from bricktwin.target import body_of, load_scene
 
         scene = None if self.scene is None else load_scene(self.scene)
-        target = self.target(self.robot or ROBOT_OF_SCENES)
+        target = self.target(self.robot[0] if self.robot else ROBOT_OF_SCENES)
         body = body_of(target, scene, **self.stops_of(target))
         if self.video is None:
             return self.faulty(body)
