@@ -49,6 +49,7 @@ def test_files_that_run_on_a_hub_are_there() -> None:
         "app_data",
         "find_stops",
         "frames",
+        "goals",
         "ids_ev3devices",
         "ids_pupdevices",
         "inventory",
