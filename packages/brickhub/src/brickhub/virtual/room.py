@@ -11,7 +11,7 @@ import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, BinaryIO, Generic, TextIO, TypeVar, cast
+from typing import Any, BinaryIO, TextIO, cast
 
 from greenlet import getcurrent, greenlet
 
@@ -24,7 +24,7 @@ from brickhub.virtual.run import Operation, run_file
 DISTANCE_M = 0.5
 """Distance of two hubs on a bench."""
 
-Text = TypeVar("Text", str, bytes)
+AnyText = str | bytes
 
 
 @dataclass(frozen=True)
@@ -142,8 +142,8 @@ class _Hub:
     def __init__(
         self,
         program: HubProgramFile,
-        stdout: _Marked[bytes],
-        stderr: _Marked[str],
+        stdout: _Marked,
+        stderr: _Marked,
         time_limit_s: float | None,
     ) -> None:
         self._program = program
@@ -215,21 +215,35 @@ class _Hub:
             self._failure = None
 
 
-class _Marked(Generic[Text]):
-    """Stream whose lines begin with a mark."""
+class _Marked:
+    """Stream of text or of bytes whose lines begin with a mark.
 
-    def __init__(self, out: Any, mark: Text, line_end: Text) -> None:
+    Args:
+        out: binary or text stream; mark and line end are of its kind.
+        mark: begins each line.
+        line_end: ends each line.
+    """
+
+    def __init__(self, out: Any, mark: AnyText, line_end: AnyText) -> None:
         self._out = out
-        self._mark: Text = mark
-        self._line_end: Text = line_end
-        self._line: Text = mark[:0]
+        self._mark: Any = mark
+        self._line_end: Any = line_end
+        self._pieces: list[Any] = []
 
-    def write(self, data: Text, /) -> int:
+    def write(self, data: Any, /) -> int:
         """Take output; a line is written when it has ended."""
-        *lines, self._line = (self._line + data).split(self._line_end)
-        for line in lines:
-            self._out.write(self._mark + line + self._line_end)
+        *ended, rest = data.split(self._line_end)
+        for piece in ended:
+            self._pieces.append(piece)
+            self._write_line()
+        if rest:
+            self._pieces.append(rest)
         return len(data)
+
+    def _write_line(self) -> None:
+        for piece in (self._mark, *self._pieces, self._line_end):
+            self._out.write(piece)
+        self._pieces.clear()
 
     def flush(self) -> None:
         """Hand on what the stream keeps, but for a line that has not ended."""
@@ -237,8 +251,8 @@ class _Marked(Generic[Text]):
 
     def end(self) -> None:
         """Write a last line that has no end."""
-        if self._line:
-            self.write(self._line_end)
+        if self._pieces:
+            self._write_line()
         self.flush()
 
 
