@@ -9,9 +9,10 @@ imports ``pybricks``, and neither a hub of Powered Up. Each runs in a process of
 bench with all devices that it asks for, without input, for 3 simulated seconds. The result has
 counts and the firmware's words only, nothing of the files themselves.
 
-What a brick does is said by the firmware's own tables of names (v4.1.0b2, ``pb_module_*.c`` with
-the options of ``bricks/ev3/mpconfigport.h``): the first import statement of a program that names
-something that is not in them raises, and no program ends by another ImportError.
+What a brick does is said by ``mpy-cross``, the compiler of MicroPython, for programs that it
+refuses, and by the firmware's own tables of names (v4.1.0b2, ``pb_module_*.c`` with the options of
+``bricks/ev3/mpconfigport.h``): the first import statement of a program that names something that is
+not in them raises, and no program ends by another ImportError.
 """
 
 from __future__ import annotations
@@ -28,6 +29,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.session import Session
+from brickhub.hub.program.compile import cross_compile
 from brickhub.hub.program.pybricks2 import outdated
 from brickhub.hub.program.run_program import load_program
 from brickhub.hub.program.syntax import imported_names, parse
@@ -90,6 +92,15 @@ def is_for_ev3(program: HubProgram) -> bool:
 CIRCULAR = "modules import each other"
 
 
+def syntax_error(program: HubProgram) -> str:
+    """What the compiler says of a program that it refuses, or of a module beside it; else empty."""
+    for source in (program.source, *(module.source for module in program.modules)):
+        mpy, report = cross_compile(source, "main.py")
+        if mpy is None:
+            return report.splitlines()[-1].strip()
+    return ""
+
+
 def import_error(program: HubProgram) -> str:
     """The ImportError by which a brick ends the program; empty if its imports are all there, and
     ``CIRCULAR`` if that depends on what modules have done before they import each other."""
@@ -115,10 +126,28 @@ def _import_errors(source: str, own: dict[str, str], done: dict[str, bool]) -> I
                     done[module] = False
                     yield from _import_errors(own[module], own, done)
                     done[module] = True
+                if name not in ("", "*") and not _may_define(own[module], name):
+                    yield f"ImportError: can't import name {name}"
             elif module not in NAMES and module not in _MODULES:
                 yield f"ImportError: no module named '{module}'"
             elif module in NAMES and name not in ("", "*") and name not in NAMES[module]:
                 yield f"ImportError: can't import name {name}"
+
+
+def _may_define(source: str, name: str) -> bool:
+    """Whether a module may have a name: it sets it somewhere, or imports all names of another."""
+    try:
+        tree = parse(source)
+    except (SyntaxError, ValueError):
+        return True
+    names = {node.id for node in ast.walk(tree) if isinstance(node, ast.Name)}
+    names |= {
+        node.name for node in ast.walk(tree) if isinstance(node, ast.FunctionDef | ast.ClassDef)
+    }
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import | ast.ImportFrom):
+            names |= {(alias.asname or alias.name).partition(".")[0] for alias in node.names}
+    return name in names or "*" in names
 
 
 def run(path: Path) -> dict[str, Any]:
@@ -159,15 +188,50 @@ def look(path: Path) -> dict[str, Any]:
     """How a program ends, and what is said of it."""
     program = load_program(path)
     found = run(path)
-    expected = import_error(program)
+    return found | judged(program, found)
+
+
+def judged(program: HubProgram, found: dict[str, Any]) -> dict[str, Any]:
+    """What is said of a program, and whether it ends as on a brick."""
+    expected = syntax_error(program) or import_error(program)
     old = outdated(program)
     unused = sum(one.instead.startswith("nothing here uses it") for one in old)
-    found |= {"expected": expected, "old_lines": len(old), "unused": unused}
     said = str(found.get("says", ""))
-    is_import = said.startswith("ImportError")
-    is_judged = expected != CIRCULAR and (bool(expected) or is_import)
-    found["as_on_brick"] = said == expected if is_judged else True
-    return found
+    is_told = said.startswith(("ImportError", "SyntaxError"))
+    is_judged = expected != CIRCULAR and (bool(expected) or is_told)
+    return {
+        "expected": expected,
+        "old_lines": len(old),
+        "unused": unused,
+        "as_on_brick": said == expected if is_judged else found["end"] != "our traceback",
+    }
+
+
+def summary(rows: dict[str, dict[str, Any]]) -> dict[str, Any]:
+    """Counts of all programs, by repository and digest."""
+    found_rows = list(rows.values())
+    errors = Counter(row["says"].partition(":")[0] for row in found_rows if "says" in row)
+    expected = Counter(row["expected"] for row in found_rows if row["expected"])
+    return {
+        "programs": len(rows),
+        "repositories": dict(Counter(name.partition(" ")[0] for name in rows)),
+        "ends": dict(Counter(row["end"] for row in found_rows)),
+        "errors": dict(errors),
+        "expected_by_compiler_and_names": dict(expected),
+        "with_old_lines": sum(row["old_lines"] > 0 for row in found_rows),
+        "old_lines": sum(row["old_lines"] for row in found_rows),
+        "unused_imports": sum(row["unused"] for row in found_rows),
+        "our_tracebacks": sum(row["end"] == "our traceback" for row in found_rows),
+        "differ": [name for name, row in rows.items() if not row["as_on_brick"]],
+        "each": rows,
+    }
+
+
+def name_of(path: Path, folder: Path) -> str:
+    """Repository and digest of a program: its own name may be that of a person."""
+    relative = path.relative_to(folder)
+    digest = hashlib.sha256(relative.as_posix().encode() + path.read_bytes()).hexdigest()[:16]
+    return f"{relative.parts[0].replace('+', '/', 1)} {digest}"
 
 
 def main(session: Session) -> None:
@@ -182,26 +246,9 @@ def main(session: Session) -> None:
     rows: dict[str, dict[str, Any]] = {}
     with ThreadPoolExecutor(session.jobs or 1) as pool:
         for path, found in zip(paths, pool.map(look, paths), strict=True):
-            # A file is named by its digest: its name may be that of a person.
-            digest = hashlib.sha256(path.read_bytes()).hexdigest()[:16]
-            repository = path.relative_to(folder).parts[0].replace("+", "/", 1)
-            rows[f"{repository} {digest}"] = found
+            rows[name_of(path, folder)] = found
             print(path.relative_to(folder), found, flush=True)
-    found_rows = list(rows.values())
-    errors = Counter(row["says"].partition(":")[0] for row in found_rows if "says" in row)
-    result = {
-        "programs": len(rows),
-        "repositories": dict(Counter(name.partition(" ")[0] for name in rows)),
-        "ends": dict(Counter(row["end"] for row in found_rows)),
-        "errors": dict(errors),
-        "import_errors": dict(Counter(row["expected"] for row in found_rows if row["expected"])),
-        "with_old_lines": sum(row["old_lines"] > 0 for row in found_rows),
-        "old_lines": sum(row["old_lines"] for row in found_rows),
-        "unused_imports": sum(row["unused"] for row in found_rows),
-        "our_tracebacks": sum(row["end"] == "our traceback" for row in found_rows),
-        "differ": [name for name, row in rows.items() if not row["as_on_brick"]],
-        "each": rows,
-    }
+    result = summary(rows)
     for key in ("programs", "ends", "errors", "our_tracebacks", "with_old_lines", "differ"):
         print(f"{key}: {result[key]}", flush=True)
     session.write(result)
