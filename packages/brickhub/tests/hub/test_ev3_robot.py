@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from brickhub.cli import main
 from brickhub.errors import DescriptionError
 from brickhub.finding import Outcome
 from brickhub.hub.diagnostics.preflight import check_ports, check_robot
@@ -50,6 +51,7 @@ DRIVER = Robot(
     ),
     DriveBase("left", "right", 56, 120),
 )
+ARM = Robot("ev3-arm", HubKind.EV3, (Motor("arm", "A", MotorKind.EV3_MEDIUM, range_deg=(0, 90)),))
 INTERFACE = Interface(
     (DriveSpeed(-200, 200), DriveTurnRate(-90, 90)),
     (
@@ -109,6 +111,14 @@ def test_preflight_check_of_the_whole_robot() -> None:
     findings = list(check_robot(VirtualHub(bench()), DRIVER, INTERFACE, may_move=lambda: True))
     assert {finding.outcome for finding in findings} <= {Outcome.OK, Outcome.SKIPPED}, findings
     assert {f"port {port}" for port in HubKind.EV3.model.ports} <= {one.name for one in findings}
+
+
+def test_no_zero_is_kept_of_a_motor_that_does_not_know_its_angle(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    robot = f"{__file__}:ARM"
+    assert main(["calibrate", robot, "--hub", "virtual", "--yes"]) == 2
+    assert "the motor 'arm' counts from where it stands" in capsys.readouterr().err
 
 
 def test_the_button_that_stops_a_program_is_none_of_it() -> None:

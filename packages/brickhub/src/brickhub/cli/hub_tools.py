@@ -448,6 +448,13 @@ class Calibrate:
                 f"no motor of '{robot.name}' has stops; put its motors at their zeros and add "
                 "--by-hand"
             )
+        measured = uncalibrated.motors if self.by_hand else joints
+        for motor in measured:
+            if not motor.kind.model.is_absolute:
+                raise CalibrationError(
+                    f"the motor '{motor.name}' counts from where it stands when a program begins, "
+                    "so no zero of it can be kept; put it to its 0 before each start"
+                )
         zeros_deg: dict[str, int] = {}
         if self.by_hand:
             # These angles are read before the joints move, because a person has put those motors in
