@@ -83,3 +83,19 @@ def test_nothing_resets_while_a_human_drives() -> None:
         with pytest.raises(StoppedError):
             play_on_page(env, page, {"": lambda: resting_player(env)}, stop=over)
         assert len(steps) == 2 * env.task.max_steps + 1
+
+
+def test_simulation_without_a_robot_is_paced(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A step takes 0.1 s at the speed of real time, also after a pause, which is not made up."""
+    now, naps = [100.0], list[float]()
+    monkeypatch.setattr("bricksrl.page.live.time.perf_counter", lambda: now[0])
+    with LivePage("WalkerSim-v0", speed="1x") as page:
+        page._is_paced_here = True
+        monkeypatch.setattr(page._halted, "wait", naps.append)
+        for passed_s in (0.0, 0.0, 0.02, 5.0):
+            now[0] += passed_s
+            page.hold()
+        assert naps == pytest.approx([0.0, 0.0, 0.08, 0.0])
+        page._press("speed", "max")
+        page.hold()
+        assert len(naps) == 4, "as fast as it can"

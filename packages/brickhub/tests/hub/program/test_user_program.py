@@ -16,7 +16,12 @@ from hypothesis import strategies as st
 from brickhub.cli import main
 from brickhub.errors import HubDisconnectedError, ProgramError
 from brickhub.hub.program.compile import compile_program, program_blob
-from brickhub.hub.program.run_program import Transcript, load_program, run_program
+from brickhub.hub.program.run_program import (
+    Transcript,
+    check_time_limit,
+    load_program,
+    run_program,
+)
 from brickhub.hub.transports.address import HubAddress
 from brickhub.robot import HubKind, Motor, Robot
 
@@ -254,3 +259,11 @@ def test_invalid_program_fails_without_hub(folder: Path, capsys) -> None:
     (folder / "main.py").write_text("x =\n")
     assert main(("run", str(folder / "main.py"), "--hub", "ble")) == 2
     assert "main.py, line 2: SyntaxError" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("limit_s", [0.0, -1.0, float("inf"), float("nan")])
+def test_time_limit_is_a_positive_number(limit_s: float) -> None:
+    with pytest.raises(ProgramError, match="give a number above zero, or none"):
+        check_time_limit(limit_s)
+    for fine_s in (None, 1e-3, 1e9):
+        check_time_limit(fine_s)
