@@ -160,3 +160,12 @@ def test_ctrl_c_ends_the_tests_not_only_the_program(tmp_path: Path) -> None:
     assert (
         "KeyboardInterrupt" in done.stdout and "goes on" not in done.stdout and done.returncode == 2
     ), done.stdout
+
+
+def test_several_hubs_hear_one_another(pybricks_hub: PybricksHub) -> None:
+    head = "from pybricks.messaging import BLERadio\nfrom pybricks.tools import wait\n"
+    sender = f"{head}BLERadio(broadcast_channel=1).broadcast(5)\nwait(1000)\n"
+    listener = f"{head}radio = BLERadio(observe_channels=[1])\nwait(500)\nprint(radio.observe(1))\n"
+    first, second = pybricks_hub.run_together(sender, listener + "1 / 0\n")
+    assert (first.exit_code, first.output, first.errors) == (0, "", "")
+    assert (second.exit_code, second.output) == (1, "5\n") and "ZeroDivision" in second.errors

@@ -7,9 +7,10 @@ the first test that runs one.
 from __future__ import annotations
 
 import io
+import sys
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -152,6 +153,42 @@ class PybricksHub:
             log,
         )
 
+    def run_together(
+        self,
+        *programs: str | Path,
+        time_limit_s: float | None = 60.0,
+    ) -> list[ProgramRun]:
+        """Run several programs, each on a bench of its own in one room, where the hubs hear one
+        another; what each did, in order. Raises as `run`."""
+        from brickhub.virtual.room import HubProgramFile, Room
+        from brickhub.virtual.run import Operation, interruptible
+        from brickhub.virtual.run_log import RunLog
+
+        logs = [RunLog() for _ in programs]
+        outs = [io.BytesIO() for _ in programs]
+        errs = [io.StringIO() for _ in programs]
+        hubs = []
+        for number, program in enumerate(programs):
+            hubs.append(
+                HubProgramFile(
+                    self._file(program, f"main_{number + 1}.py"),
+                    operation=Operation(attend=partial(_keep_log, logs[number])),
+                    stdout=outs[number],
+                    stderr=errs[number],
+                )
+            )
+        with interruptible():
+            codes = Room(
+                hubs,
+                stdout=sys.stdout.buffer,
+                stderr=sys.stderr,
+                time_limit_s=time_limit_s,
+            ).run()
+        return [
+            ProgramRun(code, out.getvalue().decode(errors="replace"), err.getvalue(), log)
+            for code, out, err, log in zip(codes, outs, errs, logs, strict=True)
+        ]
+
     def _body(
         self,
         robot: Robot | Body | str | None,
@@ -187,14 +224,19 @@ class PybricksHub:
             return None
         return target.make_body(end_stops=stops) if stops else target.make_body()
 
-    def _file(self, program: str | Path) -> Path:
+    def _file(self, program: str | Path, name: str = "main.py") -> Path:
         # A single line that ends like a file name is one, because no program of one line reads
         # `main.py`.
         if isinstance(program, Path) or ("\n" not in program and program.endswith(".py")):
             return self._folder / program
-        path = self._scratch / "main.py"
+        path = self._scratch / name
         path.write_text(program, encoding="utf-8")
         return path
+
+
+def _keep_log(log: RunLog, machine: Machine) -> None:
+    """Let a machine keep its log here."""
+    machine.log = log
 
 
 @pytest.fixture

@@ -35,11 +35,15 @@ class HubProgramFile:
         path: the program; imports from its folder work.
         body: the robot; ``None`` for a bench with the hub and devices that the program uses.
         operation: buttons, readings and pace.
+        stdout, stderr: for what this program alone prints, without marks; ``None`` for those of the
+            room.
     """
 
     path: Path
     body: Body | None = None
     operation: Operation = field(default_factory=Operation)
+    stdout: BinaryIO | None = None
+    stderr: TextIO | None = None
 
 
 class Room:
@@ -75,8 +79,8 @@ class Room:
         names = _names([program.path for program in programs])
         self._hubs = []
         for number, (program, name) in enumerate(zip(programs, names, strict=True)):
-            out = _Marked(stdout, f"{name}: ".encode(), b"\n")
-            err = _Marked(stderr, f"{name}: ", "\n")
+            out = program.stdout or _Marked(stdout, f"{name}: ".encode(), b"\n")
+            err = program.stderr or _Marked(stderr, f"{name}: ", "\n")
             attend = self._attend(number, program.operation)
             self._hubs.append(
                 _Hub(
@@ -142,8 +146,8 @@ class _Hub:
     def __init__(
         self,
         program: HubProgramFile,
-        stdout: _Marked,
-        stderr: _Marked,
+        stdout: BinaryIO | _Marked,
+        stderr: TextIO | _Marked,
         time_limit_s: float | None,
     ) -> None:
         self._program = program
@@ -172,8 +176,9 @@ class _Hub:
             self._failure = error
             self.code = 1
         finally:
-            self._stdout.end()
-            self._stderr.end()
+            for stream in (self._stdout, self._stderr):
+                if isinstance(stream, _Marked):
+                    stream.end()
 
     def resume(self) -> None:
         """Run on, until the hub pauses or its program has ended. Raises what ended it."""
