@@ -52,6 +52,8 @@ _WIRELESS_BUTTONS = {
 }
 """Buttons of wireless devices; a stick and a trigger are pressed all the way."""
 WIRELESS = frozenset(_WIRELESS_BUTTONS)
+SWITCHED_OFF = "off"
+"""In place of a button: a wireless device is off, or out of reach, as long as this is held."""
 _MAX_S = 100_000.0
 """Latest time and longest duration of a press: more than a day."""
 
@@ -63,7 +65,8 @@ class Press:
     Attributes:
         button: ``left``, ``right``, ``center`` and so on; ``remote.left_plus`` and so on for a
             remote control, ``infrared.left_up`` and so on for that of an EV3, ``xbox.a``,
-            ``xbox.joystick_left_up`` and so on for an Xbox controller.
+            ``xbox.joystick_left_up`` and so on for an Xbox controller. ``remote.off`` and
+            ``xbox.off``: as long as that is held the device is off, or out of reach.
         start_s, duration_s: simulated seconds.
 
     Raises:
@@ -268,6 +271,19 @@ class Panel:
                 names.add(name.removeprefix(prefix))
         return frozenset(names)
 
+    def was_off(
+        self,
+        device: str,
+        start_ms: int,
+        end_ms: int,
+    ) -> bool:
+        """Whether a wireless device was off, or out of reach, at any time from ``start_ms`` to
+        ``end_ms``."""
+        name = f"{device}.{SWITCHED_OFF}"
+        is_held = name in self._held
+        spans = [(first, last) for first, last, button in self._presses if button == name]
+        return is_held or any(first <= end_ms and last > start_ms for first, last in spans)
+
     def poll(self, time_ms: int) -> bool:
         """Process animations and the poll that are due; returns whether a program ends, as the stop
         button was pressed since the last poll, or the hub is switched off."""
@@ -372,7 +388,9 @@ class Panel:
 
     def _check(self, button: str) -> None:
         device = button.partition(".")[0]
-        wireless_names = [f"{device}.{name}" for name in _WIRELESS_BUTTONS.get(device, ())]
+        buttons = _WIRELESS_BUTTONS.get(device, ())
+        names = (*buttons, SWITCHED_OFF) if buttons else ()
+        wireless_names = [f"{device}.{name}" for name in names]
         if button in (wireless_names or self.buttons):
             return
         if wireless_names:

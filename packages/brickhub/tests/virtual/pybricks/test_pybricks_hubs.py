@@ -476,6 +476,39 @@ for name in (None, "tram", "crane"):
     assert pressing(source, "remote.center@9s") == "crane\ntram\ntram\n110"
 
 
+def test_remote_that_is_off_is_not_found_and_one_that_was_lost_is_found_again() -> None:
+    source = """
+from pybricks.pupdevices import Remote
+from pybricks.tools import StopWatch
+watch = StopWatch()
+try:
+    Remote(timeout=1000)
+except OSError as e:
+    print(e.errno, watch.time() // 100)
+remote = Remote()
+print(watch.time() // 100)
+print(remote.buttons.pressed())
+while True:
+    try:
+        remote.buttons.pressed()
+    except OSError as e:
+        print(e.errno, watch.time() // 100)
+        break
+    wait(10)
+wait(2000)
+try:
+    print(remote.name())
+except OSError as e:
+    print("still", e.errno)
+remote.connect()
+print(remote.name(), remote.buttons.pressed())
+"""
+    # Off at first, switched on after 2 s, off again from 4 s to 5 s.
+    presses = ("remote.off@0s+2s", "remote.off@4s+1s", "remote.center@6s+9s")
+    said = pressing(source, *presses).splitlines()
+    assert said == ["110 10", "25", "set()", "19 40", "still 19", "Handset {Button.CENTER}"]
+
+
 def test_pressed_remote_is_near() -> None:
     source = """
 from pybricks.pupdevices import Remote

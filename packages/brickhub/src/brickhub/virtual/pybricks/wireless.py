@@ -80,6 +80,7 @@ class Wireless(Native):
     _wanted: str | None = None
     """The name that is looked for."""
     _is_connected = False
+    _connected_ms = 0
     _pause_ms: int | None = None
     """Pause before the second search; ``None`` if there is none."""
 
@@ -111,14 +112,22 @@ class Wireless(Native):
             longest_ms = 2 * longest_ms + self._pause_ms
 
         def is_done() -> bool:
-            waited_ms = self._machine.time_ms - start_ms
+            now_ms = self._machine.time_ms
+            # It answers a search when it has been on for a while; the search may begin before.
+            since_ms = max(start_ms, now_ms - _SEARCH_MS)
+            is_on = not self._machine.panel.was_off(self._kind, since_ms, now_ms)
+            waited_ms = now_ms - start_ms
             is_late = longest_ms is not None and waited_ms >= longest_ms
-            if not is_near and is_late:
-                self._release()
-                raise os_error(error_numbers.ETIMEDOUT)
-            is_found = is_near and waited_ms >= _SEARCH_MS
-            self._is_connected = self._is_connected or is_found
-            return is_found
+            if not (is_near and is_on):
+                if is_late:
+                    self._release()
+                    raise os_error(error_numbers.ETIMEDOUT)
+                return False
+            if waited_ms < _SEARCH_MS:
+                return False
+            self._is_connected = True
+            self._connected_ms = now_ms
+            return True
 
         return self._context.finish(is_done, on_close=self._release, poll_ms=1)
 
@@ -152,9 +161,15 @@ class Wireless(Native):
     def _down(self) -> frozenset[str]:
         """Names of the buttons that are down. Raises OSError, ENODEV, while the device is not
         connected."""
+        panel = self._machine.panel
+        now_ms = self._machine.time_ms
+        # A connection that broke stays lost, also when the device is back: `connect()` finds it.
+        if self._is_connected and panel.was_off(self._kind, self._connected_ms, now_ms):
+            self._is_connected = False
+            self._release()
         if not self._is_connected:
             raise os_error(error_numbers.ENODEV)
-        return self._machine.panel.pressed_on(self._kind, self._machine.time_ms)
+        return panel.pressed_on(self._kind, now_ms)
 
 
 class _Buttons(Native):
