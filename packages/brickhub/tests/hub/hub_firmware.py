@@ -7,6 +7,7 @@ Subclasses provide the transport.
 from __future__ import annotations
 
 import asyncio
+import functools
 import struct
 import threading
 import time
@@ -37,6 +38,10 @@ _PRODUCT_IDS = {
     HubKind.ESSENTIAL: 0x83,
     HubKind.EV3: 0xE2,
 }
+
+
+compiled = functools.cache(compile_mpy)
+"""What a known program is on the hub; a large one takes longer than a host waits."""
 
 
 class Refusal(Exception):
@@ -335,7 +340,7 @@ class PlayedFirmware(ABC):
             head, _, rest = bytes(self._ram[place + 4 : self.size]).partition(b"\0")
             name = head.decode("utf-8", "replace")
             for file, source in known:
-                if compile_mpy(source, file) == rest[:length]:
+                if compiled(source, file) == rest[:length]:
                     found[name] = HubModule(name, file, source)
             place += 4 + len(head) + 1 + length
         return found

@@ -44,6 +44,10 @@ _READABLE = (
 )
 
 
+_ON_ITS_WAY_S = 0.15
+"""Time in which an operation that a page has begun is known here."""
+
+
 class EmulatedHub(GattHub):
     """A hub of which a browser knows."""
 
@@ -52,6 +56,8 @@ class EmulatedHub(GattHub):
         self._uuids: dict[str, str] = {}
         self._command = ""
         self._is_read = False
+        self._is_losing = False
+        self._unanswered: list[tuple[str, str]] = []
         self._notifications: deque[bytes] = deque()
         self._tasks: set[asyncio.Task[Any]] = set()
 
@@ -70,6 +76,10 @@ class EmulatedHub(GattHub):
             manufacturerData=[],
             knownServiceUuids=[profile.SERVICE_UUID],
         )
+        await self._add_services()
+        self.switch_on()
+
+    async def _add_services(self) -> None:
         hub = await self._service(profile.SERVICE_UUID)
         both = {"read": True, "write": True, "notify": True}
         self._command = await self._characteristic(hub, profile.COMMAND_EVENT_UUID, both)
@@ -83,7 +93,6 @@ class EmulatedHub(GattHub):
         itself = await self._service(profile.DEVICE_INFORMATION_UUID)
         for uuid in _READABLE:
             await self._characteristic(itself, uuid, {"read": True})
-        self.switch_on()
 
     async def send_notification(self, event: bytes) -> None:
         self._notifications.append(event)
@@ -91,8 +100,20 @@ class EmulatedHub(GattHub):
 
     async def tell_loss(self) -> None:
         self._notifications.clear()
-        self._is_read = False
+        # Chromium keeps a connection for good if an operation has no answer at its end. One may be
+        # on its way now.
+        self._is_losing = True
+        await asyncio.sleep(_ON_ITS_WAY_S)
+        if self._is_read:
+            self._is_read = False
+            self._unanswered.append((self._command, "read"))
+        for characteristic, kind in self._unanswered:
+            await self._answer(characteristic, kind, int(profile.CommandError.UNLIKELY_ERROR))
+        self._unanswered.clear()
         await self._do("simulateGATTDisconnection", address=ADDRESS)
+        # With the connection Chromium forgets them.
+        await self._add_services()
+        self._is_losing = False
 
     async def _send_next(self) -> None:
         if self._is_read and self._notifications:
@@ -101,6 +122,8 @@ class EmulatedHub(GattHub):
 
     async def _on_gatt(self, event: dict[str, Any]) -> None:
         code = 0
+        while self._is_losing:
+            await asyncio.sleep(_ON_ITS_WAY_S)
         if event["type"] == "connection":
             # The code is of HCI: the peripheral does not answer.
             code = 0x3E if self.is_running else 0
@@ -113,7 +136,9 @@ class EmulatedHub(GattHub):
     async def _on_operation(self, event: dict[str, Any]) -> None:
         kind = event["type"]
         characteristic = event["characteristicId"]
-        if kind == "write":
+        if self._is_losing:
+            self._unanswered.append((characteristic, kind))
+        elif kind == "write":
             code = await self.write(base64.b64decode(event["data"]))
             await self._answer(characteristic, kind, code)
         elif kind == "subscribe-to-notifications":
@@ -180,25 +205,33 @@ async def page_with(hub: EmulatedHub, address: str) -> AsyncIterator[Page]:
         # On Linux, pages may use Bluetooth only where somebody has switched it on.
         flags = [*FLAGS, "--enable-blink-features=WebBluetooth"]
         browser = await playwright.chromium.launch(executable_path=path, args=flags)
-        await hub.plug_into(browser)
-        context = await browser.new_context(viewport={"width": 1280, "height": 800})
-        page = await context.new_page()
-        page.set_default_timeout(TIMEOUT_MS)
-        errors: list[str] = []
-        page.on("pageerror", lambda error: errors.append(str(error)))
-        await page.add_init_script(_READS_FOR_NOTIFICATIONS)
-        await page.add_init_script(
-            "localStorage['bricks-programs'] ??= JSON.stringify("
-            "{ files: { 'main.py': '' }, current: 'main.py', robot: 'bench', world: '' })"
-        )
-        await _choose_when_asked(page)
-        await page.goto(address)
-        await page.wait_for_selector("#state.ready")
-        yield page
-        hub.switch_off()
-        await context.close()
-        await browser.close()
+        try:
+            await hub.plug_into(browser)
+            page = await _page(browser)
+            errors: list[str] = []
+            page.on("pageerror", lambda error: errors.append(str(error)))
+            page.on("pageerror", lambda error: errors.append(str(error)))
+            await page.goto(address)
+            await page.wait_for_selector("#state.ready")
+            yield page
+        finally:
+            hub.switch_off()
+            await browser.close()
         assert not errors
+
+
+async def _page(browser: Browser) -> Page:
+    """A page with no program, and no robot whose pictures take long without a graphics card."""
+    context = await browser.new_context(viewport={"width": 1280, "height": 800})
+    page = await context.new_page()
+    page.set_default_timeout(TIMEOUT_MS)
+    await page.add_init_script(_READS_FOR_NOTIFICATIONS)
+    await page.add_init_script(
+        "localStorage['bricks-programs'] ??= JSON.stringify("
+        "{ files: { 'main.py': '' }, current: 'main.py', robot: 'bench', world: '' })"
+    )
+    await _choose_when_asked(page)
+    return page
 
 
 async def _choose_when_asked(page: Page) -> None:

@@ -44,6 +44,7 @@ class GattHub(PlayedFirmware):
         self.connections = 0
         self._is_open = False
         self._is_subscribed = False
+        self._report: asyncio.Task[None] | None = None
 
     @property
     def is_connected(self) -> bool:
@@ -81,7 +82,8 @@ class GattHub(PlayedFirmware):
     def switch_off(self) -> None:
         """End its program, and its reports; called within the loop."""
         self.is_off = True
-        self._report.cancel()
+        if self._report is not None:
+            self._report.cancel()
         self.close()
 
     # ---- what a browser does

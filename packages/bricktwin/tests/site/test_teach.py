@@ -12,8 +12,10 @@ from bricktwin.site.tab import lessons, trial
 from bricktwin.site.tab.lessons import Record, ahead_mm, lesson_for, walking_speed
 from bricktwin.site.tab.run import STOPPED_EXIT_CODE
 from bricktwin.site.tab.teach import teach_in_tab
+from bricktwin.twin.body import TwinBody
 from bricktwin.twin.make_body import make_body
 from bricktwin.twin.standing import Pose
+from bricktwin.worlds import world
 
 TROT = (-0.9, 180.0)
 
@@ -43,9 +45,9 @@ class TaughtPage:
         return [event for event in self.events if event["kind"] == "trial"]
 
 
-def teach(page: TaughtPage, trials: int, **request: object) -> int:
+def teach(page: TaughtPage, trials: int, body: TwinBody | None = None, **request: object) -> int:
     content = {"goal": "walk", "seed": 3, "state": None, "numbers": None, "trials": trials}
-    return teach_in_tab(json.dumps({**content, **request}), page, make_body(WALKER))
+    return teach_in_tab(json.dumps({**content, **request}), page, body or make_body(WALKER))
 
 
 def test_a_trial_walks_and_is_the_same_each_time() -> None:
@@ -124,3 +126,16 @@ def test_it_learns_to_walk_faster_than_a_trot() -> None:
     scores = [float(str(one["score"])) for one in tried]
     assert max(scores) > 1.03 * float(str(trot["score"]))
     assert max(scores) > max(scores[:6])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(1, 4))
+def test_it_learns_to_stop_at_the_wall_and_does_not_repeat_itself(seed: int) -> None:
+    """140 seconds of the robot; a person's numbers get 75 points."""
+    page = TaughtPage()
+    body = make_body(TWO_WHEELER, scene=world("wall"))
+    teach(page, 35, body, goal="stop", seed=seed)
+    scores = [float(str(one["score"])) for one in page.trials]
+    assert max(scores) > 65
+    tried = [tuple(one["numbers"]) for one in page.trials]
+    assert len(set(tried)) > 28

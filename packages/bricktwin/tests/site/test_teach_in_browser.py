@@ -35,7 +35,7 @@ def test_a_robot_is_taught_and_what_it_learned_is_a_program(page: Page) -> None:
     assert page.text_content("#state") == "stopped"
     before = page.locator(DOTS).count()
     # Numbers that a person knows to be good.
-    for place, value in enumerate(("1", "0.8")):
+    for place, value in enumerate(("160", "2.4")):
         page.locator("[data-teach=sliders] input").nth(place).fill(value)
     page.click("[data-teach=try]")
     page.wait_for_selector(f"{DOTS}.mine, {DOTS}.best[r='5.5']")

@@ -10,7 +10,7 @@ export class Gatt {
     this.on = on;
     this.device = null;
     this.waiting = []; // operations, as a browser does one at a time
-    this.isAtWork = false;
+    this.atWork = null; // that whose answer is waited for
   }
 
   static isPossible() {
@@ -35,32 +35,35 @@ export class Gatt {
 
   // An operation of Python's; resolves to its answer, always. One that is urgent comes before others that wait.
   do(request, isUrgent = false) {
+    if (request.operation === "close") return this.close();
     return new Promise((resolve) => {
-      const entry = { request, resolve };
-      // A connection that does not come about is given up at once, and not after what waits for it.
-      if (request.operation === "close") {
-        this.device?.gatt.disconnect();
-        resolve({});
-        return;
-      }
-      if (isUrgent) this.waiting.unshift(entry);
-      else this.waiting.push(entry);
+      if (isUrgent) this.waiting.unshift({ request, resolve });
+      else this.waiting.push({ request, resolve });
       this.work();
     });
   }
 
   async work() {
-    if (this.isAtWork) return;
-    this.isAtWork = true;
-    while (this.waiting.length) {
-      const { request, resolve } = this.waiting.shift();
+    while (this.waiting.length && !this.atWork) {
+      const entry = (this.atWork = this.waiting.shift());
       try {
-        resolve((await this.perform(request)) ?? {});
+        entry.resolve((await this.perform(entry.request)) ?? {});
       } catch (error) {
-        resolve({ error: error.name ?? "Error", message: String(error.message ?? error) });
+        entry.resolve({ error: error.name ?? "Error", message: String(error.message ?? error) });
       }
+      if (this.atWork !== entry) return; // it was given up meanwhile
+      this.atWork = null;
     }
-    this.isAtWork = false;
+  }
+
+  // Give up all that waits, also what a browser never answers.
+  async close() {
+    const given = [this.atWork, ...this.waiting];
+    this.atWork = null;
+    this.waiting = [];
+    for (const entry of given) entry?.resolve({ error: "NetworkError", message: "the connection was given up" });
+    this.device?.gatt.disconnect();
+    return {};
   }
 
   async perform({ operation, characteristic, data }) {

@@ -60,6 +60,7 @@ export class Hub {
     this.needsPhysics = Boolean(request.robot);
     const entry = this.worker;
     entry.isRunning = true;
+    entry.run = request; // that a late stop does not end the next one
     entry.isOnHub = Boolean(request.hub);
     entry.mailbox?.empty();
     if (!this.hasWayIn) {
@@ -92,7 +93,7 @@ export class Hub {
     const entry = this.worker;
     if (!entry.isRunning) return;
     if (!this.hasWayIn) return this.giveUp(entry);
-    const isStill = () => entry === this.worker && entry.isRunning;
+    const run = entry.run, isStill = () => entry === this.worker && entry.isRunning && entry.run === run;
     if (entry.isOnHub) {
       entry.hubMailbox.send({ kind: "stop" });
       setTimeout(() => isStill() && this.giveUp(entry), REAL_LAST_MS);

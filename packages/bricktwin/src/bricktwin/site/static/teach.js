@@ -7,7 +7,7 @@ const TRIALS = 35; // of two and a half seconds each when it walks: a minute and
 const TITLES = { walk: "Teach it to walk", stop: "Teach it to stop at the wall" };
 const AIMS = {
   walk: "Each try takes two and a half seconds. What counts is how fast the robot gets ahead.",
-  stop: "Each try takes four seconds. The robot should soon be 150 mm before the wall, and stay there: each moment there has 100 points.",
+  stop: "Each try takes four seconds. The robot should soon be 150 mm before the wall, and stay there: each moment there has 100 points, and fewer elsewhere.",
 };
 
 const ON_HUB = {
@@ -226,8 +226,8 @@ export class Teach {
 
   showSliders() {
     this.inputs.forEach((input, i) => {
-      const { unit } = this.lesson.numbers[i];
-      this.outputs[i].textContent = unit ? `${Math.round(input.value)} ${unit === "deg" ? "degrees" : unit}` : Number(input.value).toFixed(2);
+      const { unit, low, high } = this.lesson.numbers[i], value = Number(input.value), name = unit === "deg" ? "degrees" : unit;
+      this.outputs[i].textContent = `${high - low < 20 ? value.toFixed(2) : Math.round(value)} ${name}`.trim();
     });
     this.drawLandscape();
   }

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from brickhub.errors import DescriptionError
 from brickhub.hub.interface import Distance, Heading, Interface
 from brickhub.robot import Robot, UltrasonicSensor
-from brickhub.search.feedback import feature_of
 from bricktwin.site.tab.lessons import Lesson, Record, stop_before_wall, walk
 
 _NO_ECHO_MM = 1990.0
@@ -21,6 +20,7 @@ _TURNED_DEG = 35.0
 """Turn of a robot after which it no longer looks at the wall."""
 _STOP_WANTED_MM = 600.0
 _STOP_TOLERANCE_MM = 90.0
+_BACK_GAIN = 1.5
 
 
 @dataclass(frozen=True)
@@ -113,16 +113,13 @@ def stop_at_wall(robot: Robot) -> HubLesson:
     """Drive up to a wall and stop before it. Raises DescriptionError without a drive base and an
     ultrasonic sensor."""
     lesson = stop_before_wall(robot)
-    # The same policy that stops before a wall drives back from it: faster the farther it is, and
-    # none at the place that is wanted.
-    feature = feature_of(lesson.interface.channels[0].entry, 0)
-    wanted = feature.factor * _STOP_WANTED_MM + feature.offset
+    # The same policy that stops before a wall drives back from it.
     place = Place(
         _STOP_WANTED_MM - _STOP_TOLERANCE_MM,
         _STOP_WANTED_MM + _STOP_TOLERANCE_MM,
         _STOP_WANTED_MM,
         distance=0,
-        way_back=(1.0, -wanted),
+        way_back=(_STOP_WANTED_MM, _BACK_GAIN),
     )
     return HubLesson(lesson, place)
 

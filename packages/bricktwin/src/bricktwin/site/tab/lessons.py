@@ -20,8 +20,8 @@ from brickhub.hub.interface import (
     Wait,
 )
 from brickhub.robot import Robot, UltrasonicSensor
+from brickhub.search.approach import Approach
 from brickhub.search.bayesian_search import trial_score
-from brickhub.search.feedback import Feedback, feature_of
 from brickhub.search.oscillators import oscillators
 from brickhub.search.structure import HubStructure
 from bricktwin.twin.standing import Pose
@@ -37,11 +37,16 @@ _LEG_SPEED_DEG_S = 600
 _APPROACH_STEPS = 40
 _APPROACH_STEP_MS = 100
 _APPROACH_MM_S = 400
+_FARTHEST_GOAL_MM = 800.0
+_MOST_GAIN = 6.0
+"""Beyond it the robot swings: a step is too long for it."""
 _SIGHT_MM = 1000
 """Distance beyond which a driving robot takes the wall to be no farther."""
 GAP_MM = 150.0
 """Where it is to stop."""
-_POINTS_PER_MM = 0.5
+_THIRD_MM = 200.0
+"""So far off the points are a third of all."""
+_TOO_NEAR = 3.0
 
 
 @dataclass
@@ -145,12 +150,11 @@ def stop_before_wall(robot: Robot) -> Lesson:
         (Distance(eyes[0], 0.0, _SIGHT_MM),),
         Wait(_APPROACH_STEP_MS),
     )
-    distance = feature_of(interface.channels[0].entry, 0)
     return Lesson(
         goal="stop",
         interface=interface,
-        structure=Feedback([distance], 1),
-        labels=("faster when the wall is far", "faster always"),
+        structure=Approach(_APPROACH_MM_S, _FARTHEST_GOAL_MM, _MOST_GAIN),
+        labels=("it drives to", "its speed for each millimetre of way"),
         steps=_APPROACH_STEPS,
         score=nearness,
         unit="points",
@@ -162,7 +166,12 @@ def nearness(record: Record) -> float:
     there soon, and stays, has most."""
     points = []
     for (distance_mm,) in record.observed[1:]:
-        points.append(max(0.0, 100.0 - _POINTS_PER_MM * abs(distance_mm - GAP_MM)))
+        off_mm = distance_mm - GAP_MM
+        # Who is too near may have hit it.
+        if off_mm < 0:
+            off_mm *= -_TOO_NEAR
+        # Never nothing: a search has to know which of two bad ways is the better one.
+        points.append(100.0 * math.exp(-off_mm / _THIRD_MM))
     return math.fsum(points) / len(points) if points else math.nan
 
 
