@@ -76,6 +76,16 @@ def test_modules_beside_the_program_are_read_and_may_have_such_names(tmp_path: P
     assert (found.file, found.line, found.what) == ("robot.py", 1, "threading")
 
 
+def test_a_name_that_a_module_imports_for_others_is_used(tmp_path: Path) -> None:
+    program = tmp_path / "main.py"
+    program.write_text("from common import *\nFont(size=3)\n", encoding="utf-8")
+    common = tmp_path / "common.py"
+    common.write_text("from pybricks.media.ev3dev import Font, Image\n", encoding="utf-8")
+    found = {one.what: one.instead for one in outdated(load_program(program))}
+    assert found["Font"] == "from pybricks.parameters import Font"
+    assert found["Image"].startswith("nothing here uses it")
+
+
 def test_the_note_follows_the_traceback(tmp_path: Path) -> None:
     program = tmp_path / "main.py"
     program.write_text(TEMPLATE, encoding="utf-8")

@@ -46,7 +46,8 @@ DRIVING = Interface(
 )
 FAULTS = ("lost", "cut", "flipped", "noise", "busy", "pulled")
 MAX_STOP_S = 1.0
-MAX_CALL_S = 12.0
+MAX_CALL_S = 40.0
+"""Longest time of a turn: to open the link, perhaps again, and four steps."""
 _TRIALS = 3
 
 
@@ -111,6 +112,17 @@ def open_again(line: Line) -> None:
     line.link.open()
 
 
+def disturb(line: Line, kind: str, rng: random.Random) -> None:
+    """Let a fault begin."""
+    if kind == "pulled":
+        line.hub.pull_the_cable()
+    elif kind == "busy":
+        refusals = [CommandError.BUSY] * rng.randint(1, 4)
+        line.hub.faults[PybricksCommand.WRITE_STDIN] = refusals
+    else:
+        line.hub.change = damage(rng, kind)
+
+
 def run_course(line: Line, count: int, seed: int) -> Counter[str]:
     """Draw faults while the robot drives; no call hangs, and the motors stop after each."""
     rng = random.Random(seed)
@@ -120,17 +132,12 @@ def run_course(line: Line, count: int, seed: int) -> Counter[str]:
         kind = rng.choice(FAULTS)
         line.hub.change = lambda data: data
         line.hub.is_plugged_in = True
-        open_again(line)
-        line.link.act([100.0, 0.0])
-        if kind == "pulled":
-            line.hub.pull_the_cable()
-        elif kind == "busy":
-            refusals = [CommandError.BUSY] * rng.randint(1, 4)
-            line.hub.faults[PybricksCommand.WRITE_STDIN] = refusals
-        else:
-            line.hub.change = damage(rng, kind)
+        line.hub.faults.clear()
         started_s = time.monotonic()
         try:
+            open_again(line)
+            line.link.act([100.0, 0.0])
+            disturb(line, kind, rng)
             for _ in range(3):
                 line.link.act([rng.uniform(-200, 200), 0.0])
             seen[f"{kind}: went on"] += 1

@@ -5,6 +5,7 @@ Only text is looked at: an attribute counts by its name, whatever it is an attri
 """
 
 import ast
+import contextlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -101,14 +102,18 @@ def outdated(program: HubProgram) -> list[Outdated]:
     sources = [(program.name, program.source)]
     sources += [(module.file, module.source) for module in program.modules]
     own = {module.name for module in program.modules}
-    found = []
+    trees: dict[str, ast.AST] = {}
     for file, source in sources:
-        try:
-            tree = parse(source)
-        except (SyntaxError, ValueError):
-            # The hub's compiler has said so.
-            continue
-        lines = [*_imports(tree, own), *_uses(tree)]
+        # What cannot be read, the hub's compiler has said.
+        with contextlib.suppress(SyntaxError, ValueError):
+            trees[file] = parse(source)
+    # A module may import names for others, which take them all.
+    used: set[str] = set()
+    for tree in trees.values():
+        used |= {node.id for node in ast.walk(tree) if isinstance(node, ast.Name)}
+    found = []
+    for file, tree in trees.items():
+        lines = [*_imports(tree, own, used), *_uses(tree)]
         for line, what, instead in sorted(lines):
             found.append(Outdated(file, line, what, instead))
     return found
@@ -131,8 +136,13 @@ def outdated_note(program: HubProgram) -> str:
 _Line = tuple[int, str, str]
 
 
-def _imports(tree: ast.AST, own: set[str]) -> Iterator[_Line]:
-    used = {node.id for node in ast.walk(tree) if isinstance(node, ast.Name)}
+def _imports(
+    tree: ast.AST,
+    own: set[str],
+    used: set[str],
+) -> Iterator[_Line]:
+    """Imports that fail, but of modules beside the program (``own``). ``used``: all names that the
+    program and its modules use."""
     for node in ast.walk(tree):
         if not isinstance(node, ast.Import | ast.ImportFrom):
             continue
