@@ -4,12 +4,16 @@
 from __future__ import annotations
 
 import pytest
-from hub_programs import output
+from hub_programs import Console, output
 
 from brickhub.robot import HubKind, MotorKind, Sense
 from brickhub.virtual.bench_body import FittedBench
 from brickhub.virtual.firmware.motor_model import MOTOR_TYPES, Observer
 from brickhub.virtual.firmware.servo import servo_settings
+from brickhub.virtual.interpreter import execute
+from brickhub.virtual.machine import Machine
+from brickhub.virtual.panel import Panel, parse_press
+from brickhub.virtual.pybricks import modules
 from brickhub.virtual.stimuli import Sensed
 
 HEAD = """
@@ -114,3 +118,115 @@ def test_estimated_speed_is_half_the_true_one(kind: MotorKind) -> None:
     true_deg_s, estimate_deg_s = map(float, output(HEAD + source, body=bench).split())
     assert true_deg_s == pytest.approx(500, abs=15)
     assert estimate_deg_s == pytest.approx(true_deg_s / 2, rel=0.06)
+
+
+def pressing(source: str, *presses: str, **stimuli: Sensed) -> tuple[str, Panel]:
+    """What a program prints while somebody presses buttons."""
+    bench = FittedBench(HubKind.EV3)
+    for name, stimulus in stimuli.items():
+        port, sense = name.removeprefix("S").split("_")
+        bench.set_reading(port, Sense(sense), stimulus)
+    machine = Machine(bench, Panel(HubKind.EV3, map(parse_press, presses)))
+    console = Console(machine, {})
+    try:
+        execute(HEAD + source, "main.py", modules(machine, console), console)
+    except SystemExit:
+        console.write(b"stopped")
+    return console.written.decode().replace("\r\n", "\n"), machine.panel
+
+
+def test_infrared_beacon_and_remote() -> None:
+    source = """
+eye = InfraredSensor(Port.S4)
+print(eye.distance(), eye.beacon(1), eye.beacon(2), error(eye.beacon, 5))
+wait(2000)
+print(eye.buttons(1) == {Button.LEFT_UP, Button.RIGHT_DOWN}, eye.buttons(3))
+print(eye.keypad())
+wait(6000)
+print(eye.keypad(), eye.buttons(1))
+"""
+    printed, _ = pressing(
+        source,
+        "infrared.left_up@1s+8s",
+        "infrared.right_down@1s+8s",
+        S4_distance=35.0,
+        S4_beacon=(40.0, -30.0),
+    )
+    assert printed.splitlines() == [
+        "35 (40, -30) (None, None) (<class 'ValueError'>, 'Invalid argument')",
+        "True set()",
+        "[Button.LEFT_UP, Button.RIGHT_DOWN]",
+        "[] set()",
+    ]
+
+
+def test_a_change_of_mode_takes_its_time() -> None:
+    source = """
+from pybricks.tools import StopWatch
+watch = StopWatch()
+color, eye = ColorSensor(Port.S1), InfraredSensor(Port.S2)
+for read in (color.ambient, color.ambient, color.rgb, eye.distance, eye.keypad):
+    start = watch.time()
+    read()
+    print(watch.time() - start, end=" ")
+"""
+    times_ms = [int(word) for word in on_brick(source).split()]
+    assert times_ms == pytest.approx([31, 0, 31, 0, 1101], abs=2)
+
+
+def test_buttons_and_the_one_that_stops() -> None:
+    source = """
+buttons = EV3Brick().buttons
+wait(500)
+print(sorted(map(str, buttons.pressed())))
+while True:
+    wait(10)
+"""
+    printed, panel = pressing(source, "up@0.4s", "down@0.4s", "center@0.4s", "left_up@1s")
+    assert printed == "['Button.CENTER', 'Button.DOWN', 'Button.UP']\nstopped"
+    assert panel.now_s == pytest.approx(1.05, abs=0.05)
+
+
+def test_light_is_red_and_green_without_blue() -> None:
+    source = "light = EV3Brick().light\nlight.on({color})"
+    for color, light in (
+        ("Color.RED", (0, 100, 100)),
+        ("Color.GREEN", (120, 100, 100)),
+        ("Color.YELLOW", (60, 100, 100)),
+        ("Color.WHITE", (60, 100, 100)),
+        ("Color.BLUE", None),
+    ):
+        _, panel = pressing(source.replace("{color}", color))
+        assert panel.light == light, color
+
+
+def test_what_the_brick_has_not() -> None:
+    source = """
+brick = EV3Brick()
+print([name for name in ("imu", "display", "charger", "ble", "button") if hasattr(brick, name)])
+print(error(brick.battery.temperature)[1], brick.battery.type(), brick.system.info()["host_connected_ble"])
+base = DriveBase(Motor(Port.A), Motor(Port.B), 56, 114)
+print(hasattr(base, "use_gyro"), hasattr(Motor, "hsv"), hasattr(ColorSensor, "hsv"))
+"""  # noqa: E501
+    assert on_brick(source).splitlines() == ["[]", "95 Alkaline False", "False False False"]
+
+
+def test_plain_devices() -> None:
+    source = """
+from pybricks.iodevices import AnalogSensor, DCMotor, I2CDevice, LUMPDevice, PUPDevice
+from pybricks.messaging import bluetooth_scan
+from pybricks.nxtdevices import LightSensor
+print(LUMPDevice is PUPDevice, PUPDevice(Port.A).info(), bluetooth_scan(100))
+motor = DCMotor(Port.A)
+motor.dc(60)
+print(motor, error(AnalogSensor, Port.S1), AnalogSensor(Port.S1, custom=True).voltage())
+print(error(I2CDevice, Port.A, 1), error(I2CDevice(Port.S1, 1, custom=True).read, 0, 1)[0])
+ColorSensor(Port.S3)
+print(PUPDevice(Port.S3).info()["id"], error(PUPDevice, Port.S2), error(LightSensor, Port.S1))
+"""
+    assert on_brick(source).splitlines() == [
+        "True {'id': 93} []",
+        "DCMotor(Port.A, Direction.CLOCKWISE) (<class 'OSError'>, 19) 4972",
+        "(<class 'OSError'>, 95) <class 'OSError'>",
+        "29 (<class 'OSError'>, 19) (<class 'OSError'>, 19)",
+    ]

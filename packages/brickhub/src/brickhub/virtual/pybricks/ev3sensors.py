@@ -11,6 +11,7 @@ from brickhub.virtual.pybricks.ev3_modes import (
     BUTTONS_OF_CODE,
     CHANNELS,
     KEYPAD_BITS,
+    KEYPAD_NONE,
     KNOWN_COLORS,
     NO_BEACON,
     RGB_SCALES,
@@ -218,6 +219,9 @@ class InfraredSensor(Ev3Device):
     def keypad(self) -> Any:
         def down() -> list[Any]:
             bits = keypad_bits(self._plug)
+            # No button is a number of its own, which has the last one's bit too.
+            if bits == KEYPAD_NONE:
+                return []
             names = [name for name, bit in KEYPAD_BITS.items() if bits & bit]
             return [getattr(Button, name.upper()) for name in names]
 
