@@ -76,7 +76,8 @@ class Run:
     A=90."""
     port: Annotated[UseAppendAction[tuple[str, ...]], option(metavar="PORT=DEVICE")] = ()
     """Which motor or sensor is on a port of the bench: A=interactive, B=spike-large, C=ColorSensor,
-    D=nothing. On others there is what the program asks for, medium motors of SPIKE."""
+    D=nothing, E=my_device.py:GAUGE for a device of your own. On others there is what the program
+    asks for, medium motors of SPIKE."""
     storage: Annotated[Path | None, option(metavar="FILE")] = None
     """File in which the virtual hub keeps what programs store, for the next run."""
     hub_name: Annotated[str, option(metavar="NAME")] = USUAL_HUB_NAME
@@ -319,6 +320,7 @@ class Run:
     ) -> Operation:
         """The deeds of a person, and the end stops if there is no body that has them."""
         from brickhub.cli.key_listener import can_listen, keys_heard
+        from brickhub.cli.own_device import is_own_device, load_own_device
         from brickhub.virtual.given_readings import (
             parse_device,
             parse_end_stop,
@@ -343,6 +345,7 @@ class Run:
             if self.panel:
                 panel.on_change = _print_panel
 
+        own = [text for text in self.port if is_own_device(text)]
         # A body already has its stops (see `stops_of`).
         end_stops = dict(map(parse_end_stop, self.end_stop)) if body is None else {}
         return Operation(
@@ -350,7 +353,8 @@ class Run:
             readings=[parse_reading(text) for text in self.reading],
             end_stops=end_stops,
             starts=dict(parse_start(text) for text in self.start),
-            devices=dict(parse_device(text) for text in self.port),
+            devices=dict(parse_device(text) for text in self.port if text not in own),
+            own_devices=dict(map(load_own_device, own)),
             hub_name=self.hub_name,
             storage=self.storage,
             realtime=self.realtime,

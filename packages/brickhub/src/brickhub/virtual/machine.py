@@ -6,7 +6,7 @@ keeps it in step with real time.
 
 import contextlib
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,6 +18,7 @@ from brickhub.virtual.body import Body
 from brickhub.virtual.firmware.drive_base import DriveBaseControl, GyroHeading
 from brickhub.virtual.firmware.servo import Servo
 from brickhub.virtual.micropython.exceptions import SwitchedOff
+from brickhub.virtual.own_devices import AnyOwnDevice
 from brickhub.virtual.panel import Panel
 from brickhub.virtual.run_log import RunLog
 
@@ -123,6 +124,7 @@ class Machine:
         pace: keeps simulated time to real time at each control loop; ``None`` for as fast as
             possible.
         log: log of the run; ``None`` for none.
+        own_devices: devices of the user's own, by port.
         antenna: what the hub broadcasts and hears.
         hub_name: what the hub is called.
         storage: what its programs have stored.
@@ -154,6 +156,7 @@ class Machine:
         self.pace: Pace | None = None
         self.log: RunLog | None = None
         self.antenna = Antenna()
+        self.own_devices: Mapping[str, AnyOwnDevice] = {}
         self.hub_name = USUAL_HUB_NAME
         self.storage = bytearray(body.robot.hub.model.storage_bytes)
         self.time_ms = 0

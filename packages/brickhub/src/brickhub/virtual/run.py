@@ -42,6 +42,7 @@ from brickhub.virtual.micropython.exceptions import (
     is_program_error,
 )
 from brickhub.virtual.micropython.text import format_traceback
+from brickhub.virtual.own_devices import AnyOwnDevice
 from brickhub.virtual.panel import WIRELESS, Panel, Press
 from brickhub.virtual.pybricks import modules
 
@@ -147,6 +148,7 @@ class Operation:
         end_stops: lowest and highest angle (deg) of motors on the bench, by port.
         starts: angle (deg) at which motors on the bench stand at first, by port.
         devices: motors and sensors on the bench, by port; ``None`` for nothing.
+        own_devices: devices of the user's own, by port, also of a robot with a body.
         hub_name: what the hub is called.
         storage: file with what the hub's programs have stored, written anew at the end; ``None``
             for a hub that forgets it.
@@ -162,6 +164,7 @@ class Operation:
     end_stops: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     starts: Mapping[str, float] = field(default_factory=dict)
     devices: Mapping[str, MotorKind | SensorKind | None] = field(default_factory=dict)
+    own_devices: Mapping[str, AnyOwnDevice] = field(default_factory=dict)
     hub_name: str = USUAL_HUB_NAME
     storage: Path | None = None
     realtime: bool = False
@@ -229,6 +232,7 @@ def run_file(
         machine = Machine(body, Panel(body.robot.hub, operation.presses))
     machine.firmware = firmware
     machine.hub_name = operation.hub_name
+    _plug_in(machine, operation.own_devices)
     if operation.storage is not None:
         _restore(machine, operation.storage)
     if time_limit_s is not None:
@@ -254,6 +258,24 @@ def run_file(
         # A hub keeps it too, however the program ended.
         if operation.storage is not None:
             write_durably(operation.storage, bytes(machine.storage))
+
+
+def _plug_in(machine: Machine, devices: Mapping[str, AnyOwnDevice]) -> None:
+    """Plug in devices of the user's own. Raises TwinError if there is no such port, or a device of
+    the robot is on it."""
+    robot = machine.robot
+    taken = [device.port for device in (*robot.motors, *robot.sensors)]
+    for port in devices:
+        if port not in robot.hub.model.ports:
+            raise TwinError(
+                f"the {robot.hub.value} hub has no port {port}; it has "
+                f"{', '.join(robot.hub.model.ports)}"
+            )
+        if port in taken:
+            raise TwinError(
+                f"port {port} of '{robot.name}' has another device; plug yours into a free one"
+            )
+    machine.own_devices = devices
 
 
 def _restore(machine: Machine, path: Path) -> None:

@@ -1,7 +1,6 @@
 """``pybricks.iodevices``: plugged-in devices. UART: ``pb_type_uart_device.c`` and the hub's driver,
 v4."""
 
-import math
 from collections.abc import Callable
 from types import ModuleType
 from typing import Any
@@ -13,6 +12,7 @@ from brickhub.virtual.machine import Machine
 from brickhub.virtual.micropython.containers import HubDict
 from brickhub.virtual.micropython.numbers import module
 from brickhub.virtual.micropython.streams import HubBytearray
+from brickhub.virtual.own_devices import OwnDevice, OwnMode, OwnUart
 from brickhub.virtual.pybricks.arguments import (
     expect,
     get_array,
@@ -23,7 +23,7 @@ from brickhub.virtual.pybricks.arguments import (
 )
 from brickhub.virtual.pybricks.context import Awaited, Context, Native, bind, classes
 from brickhub.virtual.pybricks.device_modes import MODES, reports_angle
-from brickhub.virtual.pybricks.plug import DeviceMode, DeviceModes
+from brickhub.virtual.pybricks.plug import DataType, DeviceMode, DeviceModes, Plug
 from brickhub.virtual.pybricks.pupdevices import DCMotor
 from brickhub.virtual.pybricks.pupsensors import Device
 from brickhub.virtual.pybricks.wireless import LWP3Device, XboxController
@@ -36,6 +36,7 @@ _WARNING = (
 )
 
 
+_OWN_BITS = (8, 16, 32)
 _ANY_PLAIN_MOTOR = 93
 """``LEGO_DEVICE_TYPE_ID_ANY_DC_MOTOR``."""
 _OPEN_MV = 4972
@@ -46,7 +47,16 @@ _OPEN_OHM = 2**30 - 1
 class PUPDevice(Device):
     """Any device on a port, in its own modes (``pb_type_iodevices_pupdevice.c``, v4)."""
 
+    _own_modes: tuple[OwnMode, ...] = ()
+
     def _is_plugged_in(self) -> bool:
+        own = self._machine.own_devices.get(self._letter)
+        if isinstance(own, OwnDevice):
+            self._id = own.id
+            self._own_modes = own.modes
+            self._device_modes = DeviceModes(*map(self._own_mode, own.modes))
+            self._modes = self._device_modes.modes
+            return True
         model = self._machine.robot.hub.model
         device = _device_id(self._machine, self._letter)
         # A motor's port of a brick looks at nothing, and passes for one with a plain motor.
@@ -59,6 +69,20 @@ class PUPDevice(Device):
         self._device_modes = MODES.get(self._id, DeviceModes())
         self._modes = self._device_modes.modes
         return device is not None
+
+    def _own_mode(self, mode: OwnMode) -> DeviceMode:
+        """A mode of a device of the user's own."""
+
+        def read(plug: Plug) -> tuple[int, ...]:
+            return mode.values(plug.machine.time_ms / 1000)
+
+        return DeviceMode(
+            mode.name,
+            mode.count,
+            DataType(_OWN_BITS.index(mode.bits)),
+            read,
+            is_writable=mode.write is not None,
+        )
 
     def info(self) -> dict[str, Any]:
         if not self._modes:
@@ -101,6 +125,9 @@ class PUPDevice(Device):
             if not -limit <= get_exact_int(value) < limit:
                 raise ValueError(f"Value out of range for int{bits}")
         self._release_motor(device_mode.name)
+        for own in self._own_modes:
+            if own.name == device_mode.name and own.write is not None:
+                own.write(tuple(data), self._machine.time_ms / 1000)
         return self._write(device_mode.name)
 
     def _checked_mode(
@@ -141,7 +168,7 @@ def _device_id(machine: Machine, port: str) -> int | None:
 
 
 class UARTDevice(Native):
-    """UART on a port, with nothing at the other end.
+    """UART on a port; at the other end is a device of the user's own, or nothing.
 
     An abandoned transfer, such as a read that lost a race, keeps it busy until ``clear()``.
     """
@@ -155,8 +182,9 @@ class UARTDevice(Native):
     ) -> None:
         self._timeout_ms = None if timeout is None else get_int(timeout)
         expect(self._timeout_ms is None or self._timeout_ms >= 1)
-        self._context.port_letter(port)
+        self._letter = self._context.port_letter(port)
         self.set_baudrate(baudrate)
+        self._inbox = bytearray()
         if pin := get_int(power_pin):
             self._ask_for_power(pin)
         self._busy: set[str] = set()
@@ -181,41 +209,70 @@ class UARTDevice(Native):
         self._bits_per_s = rate
 
     def read(self, length: Any = 1) -> Any:
-        # Nobody sends anything, so only a timeout ends a read of a byte or more.
-        duration_ms = math.inf if get_int(length) > 0 else 0.0
-        transfer = self._transfer("read", duration_ms)
-        return self._reads.finish(transfer, lambda: b"", poll_ms=1)
+        count = get_int(length)
+        # Where nobody sends anything, only a timeout ends a read of a byte or more.
+        transfer = self._transfer("read", lambda _waited_ms: self._arrived() >= count)
+        return self._reads.finish(transfer, lambda: self._taken(count), poll_ms=1)
 
     def read_all(self) -> bytes:
-        return b""
+        return self._taken(self._arrived())
 
     def write(self, data: Any) -> Any:
         content = data.encode() if isinstance(data, str) else data
         expect(type(content) in (bytes, HubBytearray))
         duration_ms = len(content) * _BITS_PER_BYTE * 1000 / self._bits_per_s
-        transfer = self._transfer("write", duration_ms)
-        return self._writes.finish(transfer, poll_ms=1)
+        transfer = self._transfer("write", lambda waited_ms: waited_ms >= duration_ms)
+
+        def hand_over() -> None:
+            self._arrived(bytes(content))
+
+        return self._writes.finish(transfer, hand_over, poll_ms=1)
 
     def waiting(self) -> int:
-        return 0
+        return self._arrived()
 
     def wait_until(self, pattern: Any) -> Any:
         if self._awaits_pattern:
             raise os_error(error_numbers.EBUSY)
         expect(get_text(pattern))
         self._awaits_pattern = True
-        return self._reads.finish(lambda: False, poll_ms=1)
+        wanted = pattern.encode() if isinstance(pattern, str) else bytes(pattern)
+
+        def has_come() -> bool:
+            self._arrived()
+            return wanted in self._inbox
+
+        def take() -> None:
+            self._awaits_pattern = False
+            self._taken(self._inbox.index(wanted) + len(wanted))
+
+        return self._reads.finish(has_come, take, poll_ms=1)
 
     def clear(self) -> None:
+        self._arrived()
+        self._inbox.clear()
         self._busy.clear()
+
+    def _arrived(self, written: bytes = b"") -> int:
+        """Number of bytes that wait, after the device has heard what was written."""
+        own = self._machine.own_devices.get(self._letter)
+        if isinstance(own, OwnUart):
+            self._inbox += own.answer(written, self._machine.time_ms / 1000)
+        return len(self._inbox)
+
+    def _taken(self, count: int) -> bytes:
+        """The first bytes that wait."""
+        data = bytes(self._inbox[:count])
+        del self._inbox[:count]
+        return data
 
     def _transfer(
         self,
         direction: str,
-        duration_ms: float,
+        is_complete: Callable[[float], bool],
     ) -> Callable[[], bool]:
-        """Whether a transfer is done; it begins at the first call. Raises OSError: EBUSY,
-        ETIMEDOUT."""
+        """Whether a transfer is done; it begins at the first call. ``is_complete`` is asked with
+        the ms that have passed since then. Raises OSError: EBUSY, ETIMEDOUT."""
         start_ms: int | None = None
 
         def is_done() -> bool:
@@ -228,10 +285,11 @@ class UARTDevice(Native):
                 start_ms = self._machine.time_ms
             waited_ms = self._machine.time_ms - start_ms
             is_late = self._timeout_ms is not None and waited_ms >= self._timeout_ms
-            if waited_ms < duration_ms and not is_late:
+            is_whole = is_complete(waited_ms)
+            if not is_whole and not is_late:
                 return False
             self._busy.discard(direction)
-            if is_late:
+            if not is_whole:
                 raise os_error(error_numbers.ETIMEDOUT)
             return True
 

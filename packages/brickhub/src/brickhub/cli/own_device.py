@@ -1,0 +1,22 @@
+"""Devices of the user's own, by the name of their file: ``A=my_device.py:GAUGE``."""
+
+from brickhub.errors import DescriptionError
+from brickhub.user_files import is_reference, load_object
+from brickhub.virtual.own_devices import AnyOwnDevice, OwnDevice, OwnUart
+
+
+def is_own_device(text: str) -> bool:
+    """Whether ``A=my_device.py:GAUGE`` names an object of the user's."""
+    return is_reference(text.partition("=")[2].strip())
+
+
+def load_own_device(text: str) -> tuple[str, AnyOwnDevice]:
+    """Port and device of ``A=my_device.py:GAUGE``. Raises as `load_object`, and DescriptionError if
+    there is no port, or the object is no device."""
+    port, _, reference = (part.strip() for part in text.partition("="))
+    device = load_object(reference, OwnDevice, missing="write an OwnDevice or OwnUart there")
+    if not isinstance(device, OwnDevice | OwnUart):
+        raise DescriptionError(f"{reference} is no OwnDevice or OwnUart; name one")
+    if not port:
+        raise DescriptionError(f"'{text}' names no port; give one such as A=my_device.py:GAUGE")
+    return port.upper().removeprefix("S"), device
