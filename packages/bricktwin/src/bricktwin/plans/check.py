@@ -8,6 +8,8 @@ import numpy as np
 
 from brickhub.errors import counted, percent
 from brickhub.finding import Finding, Outcome
+from brickhub.robot import HubKind, MotorKind, SensorKind
+from brickhub.robot.hardware import MotorModel, SensorModel
 from bricktwin.plans.bodies import MAX_BODIES, RATE_LENGTH, Bodies, find_bodies
 from bricktwin.plans.building import Fault, Occupancy, step_faults
 from bricktwin.plans.connections import Connection, Mesh, connections, meshes, neighbours, reached
@@ -355,7 +357,25 @@ def _check_wiring(plan: Plan) -> Iterator[_Mistake]:
             yield placed.line, "wiring", text
         else:
             used[placed.port] = placed
+            yield from _fit(hubs[0], placed)
             yield from _cable(hubs[0], positions[placed.port], placed)
+
+
+def _fit(hub: Placed, placed: Placed) -> Iterator[_Mistake]:
+    """Finding about a plug that does not fit its port."""
+    fitting = HubKind(hub.electric.name).model.takes(_model_of(placed))
+    if placed.port not in fitting:
+        remedy = f"choose one of {', '.join(fitting)}" if fitting else "take one of the hub's family"
+        text = f"{placed.name} does not fit port {placed.port} of {hub.name}; {remedy}"
+        yield placed.line, "wiring", text
+
+
+def _model_of(placed: Placed) -> MotorModel | SensorModel:
+    """The kind of a motor or sensor, as robots have it."""
+    device = placed.electric
+    if device.kind is DeviceKind.MOTOR:
+        return MotorKind(device.name).model
+    return SensorKind(device.name).model
 
 
 def _cable(

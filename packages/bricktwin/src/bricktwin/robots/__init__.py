@@ -10,6 +10,7 @@ from brickhub.robot import (
     HubKind,
     KitKind,
     Motor,
+    MotorKind,
     Mount,
     PoweredUpSensor,
     Robot,
@@ -17,7 +18,17 @@ from brickhub.robot import (
     UltrasonicSensor,
 )
 
-__all__ = ["BENCH", "CART", "ROBOTS", "ROBO_ARM", "SCOUT", "TWO_WHEELER", "WALKER", "get"]
+__all__ = [
+    "BENCH",
+    "CART",
+    "EV3_DRIVER",
+    "ROBOTS",
+    "ROBO_ARM",
+    "SCOUT",
+    "TWO_WHEELER",
+    "WALKER",
+    "get",
+]
 
 TWO_WHEELER = Robot(
     name="two-wheeler",
@@ -75,6 +86,32 @@ CART = Robot(
 faces the floor in front of its axle. It has no building plan, as the parts of the kits are not in
 LDraw's library yet: its sizes and masses are estimates."""
 
+EV3_DRIVER = Robot(
+    name="ev3-driver",
+    hub=HubKind.EV3,
+    # Their hubs show outwards on both sides, so both turn forwards when they count up.
+    motors=(
+        Motor("left", "B", MotorKind.EV3_LARGE),
+        Motor("right", "C", MotorKind.EV3_LARGE),
+    ),
+    sensors=(
+        PoweredUpSensor("eyes", "4", SensorKind.EV3_ULTRASONIC),
+        PoweredUpSensor("light", "3", SensorKind.EV3_COLOR),
+        PoweredUpSensor("gyro", "2", SensorKind.EV3_GYRO),
+        PoweredUpSensor("touch", "1", SensorKind.EV3_TOUCH),
+    ),
+    drive_base=DriveBase(
+        "left",
+        "right",
+        wheel_diameter_mm=56,
+        axle_track_mm=120,
+    ),
+    model="bricktwin.robots.plans:ev3_driver.ldr",
+)
+"""The EV3 driver, of the Education set 45544: two large motors, a ball caster, an ultrasonic sensor
+that looks ahead, a color sensor that faces the floor, a gyro sensor, and a touch sensor at its
+front."""
+
 WALKER = Robot(
     name="walker",
     hub=HubKind.PRIME,
@@ -113,7 +150,7 @@ ROBO_ARM = Robot(
 )
 """The RoboArm: a turntable, two joints and a gripper on a fixed base."""
 
-ROBOTS = {robot.name: robot for robot in (TWO_WHEELER, SCOUT, CART, WALKER, ROBO_ARM, BENCH)}
+ROBOTS = {robot.name: robot for robot in (TWO_WHEELER, SCOUT, CART, EV3_DRIVER, WALKER, ROBO_ARM, BENCH)}
 
 
 def get(name: str) -> Robot:

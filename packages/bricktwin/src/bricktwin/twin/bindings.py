@@ -26,13 +26,15 @@ from bricktwin.twin.senses import WorldSenses
 from bricktwin.twin.stance import Feet
 
 _CONES_DEG = {
-    SensorKind.ULTRASONIC: 12.0,
-    SensorKind.EV3_ULTRASONIC: 15.0,
-    SensorKind.EV3_INFRARED: 15.0,
+    SensorKind.ULTRASONIC: (12.0, 0.0),
+    SensorKind.EV3_ULTRASONIC: (15.0, 15.0),
+    # In this light a floor is as good as a wall, so that only a level ray tells what is ahead.
+    SensorKind.EV3_INFRARED: (15.0, 0.0),
 }
-"""Largest angle of a sensor's rays to where it looks, estimates; of others that is one ray."""
+"""Largest angles of a sensor's rays to where it looks, to a side and up or down; estimates. Other
+sensors have one ray."""
 _RAY_SHARES = (-1.0, -0.5, 0.0, 0.5, 1.0)
-"""Directions of its rays as shares of that angle, to the left."""
+"""Directions of rays as shares of such an angle."""
 _FREE = 0
 """MuJoCo's number of a joint that moves freely (``mjtJoint``)."""
 
@@ -252,13 +254,17 @@ def bind_sensors(
 
 def _cone(kind: SensorKind) -> list[Vector]:
     """Directions of a sensor's rays, in its own axes."""
-    widest_deg = _CONES_DEG.get(kind)
-    if widest_deg is None:
+    if kind not in _CONES_DEG:
         return [(1.0, 0.0, 0.0)]
+    aside_deg, upright_deg = _CONES_DEG[kind]
     rays = []
     for share in _RAY_SHARES:
-        angle = math.radians(share * widest_deg)
+        angle = math.radians(share * aside_deg)
         rays.append((math.cos(angle), math.sin(angle), 0.0))
+        # The ray straight ahead is one of both planes.
+        if share and upright_deg:
+            angle = math.radians(share * upright_deg)
+            rays.append((math.cos(angle), 0.0, math.sin(angle)))
     return rays
 
 

@@ -265,7 +265,7 @@ def cables_of(
         plug = np.array(placed.electric.plug)
         # A Bezier curve leaves both of its ends straight, which lets a cable come straight out of
         # the hub's side and of the device's back.
-        outward = np.sign(socket) * [_BEND, 0.0, 0.0]
+        outward = _BEND * _outward(hub, socket)
         back = np.sign(plug) * [0.0, 0.0, _BEND]
         at_hub = hub.to_plan(np.stack([socket, socket + outward]))
         at_device = placed.to_plan(np.stack([plug + back, plug]))
@@ -273,3 +273,13 @@ def cables_of(
         line_mm = line @ TO_TWIN.T * MM_PER_LDU - origin_m * 1000
         cables.append(pieces.cable([(x, y, z) for x, y, z in line_mm.tolist()]))
     return cables
+
+
+def _outward(hub: Placed, socket: Floats) -> Floats:
+    """Direction [3] out of the side of a hub that a socket is in, in the hub's frame."""
+    low, high = hub.part.bounds
+    share = (socket - (low + high) / 2) / (high - low)
+    side = int(np.argmax(abs(share)))
+    outward = np.zeros(3)
+    outward[side] = np.sign(share[side])
+    return outward
