@@ -35,7 +35,7 @@ from brickhub.hub.commands import (
     drive_base,
     drive_base_setup,
 )
-from brickhub.robot import Robot, UltrasonicSensor
+from brickhub.robot import Robot, Sense, UltrasonicSensor
 from brickhub.robot.hardware import REMOTE_BUTTONS
 
 # The commands are exported too, so that a user's file imports all parts of an interface from one
@@ -265,35 +265,66 @@ class Roll(_Tilt):
     mirror_sign: ClassVar[int] = -1
 
 
+class _TurnChannel(_ImuChannel):
+    """Channel of the hub's IMU, or of a gyroscope on one of its ports."""
+
+    sensor: str
+
+    @property
+    def device(self) -> str | None:
+        return self.sensor or None
+
+    def check(self, robot: Robot) -> None:
+        if not self.sensor:
+            super().check(robot)
+        elif Sense.ROTATION not in robot.sensor(self.sensor).kind.model.senses:
+            raise self.error(f": '{self.sensor}' is no GyroSensor; name one, or omit the sensor")
+
+
 @dataclass(frozen=True)
-class YawRate(_ImuChannel):
-    """``hub.imu.angular_velocity(Axis.Z)``; the range is nominal: faster turns are reported as they
-    are."""
+class YawRate(_TurnChannel):
+    """``hub.imu.angular_velocity(Axis.Z)``, or the opposite of ``GyroSensor.speed()``, which counts
+    clockwise; the range is nominal: faster turns are reported as they are. ``sensor``: name of a
+    gyroscope on a port; empty for the hub's."""
 
     low: float = -100.0
     high: float = 100.0
+    sensor: str = ""
     unit: ClassVar[str] = "deg/s"
     name: ClassVar[str] = "yaw_rate"
     mirror_sign: ClassVar[int] = -1
     is_nominal: ClassVar[bool] = True
-    imports: ClassVar[Imports] = (("pybricks.parameters", "Axis"),)
-    expression: ClassVar[str] = "hub.imu.angular_velocity(Axis.Z)"
     noise: ClassVar[str] = "gyro_noise_deg_s"
     roughness: ClassVar[float] = 4.0
 
+    @property
+    def imports(self) -> Imports:  # type: ignore[override]  # a constant of most kinds
+        return () if self.sensor else (("pybricks.parameters", "Axis"),)
+
+    @property
+    def expression(self) -> str:
+        if self.sensor:
+            return f"-sensor_{self.sensor}.speed()"
+        return "hub.imu.angular_velocity(Axis.Z)"
+
 
 @dataclass(frozen=True)
-class Heading(_ImuChannel):
-    """``hub.imu.heading()``, clockwise positive, not wrapped; the range is nominal."""
+class Heading(_TurnChannel):
+    """``hub.imu.heading()``, or ``GyroSensor.angle()``, clockwise positive, not wrapped; the range
+    is nominal. ``sensor``: as of a ``YawRate``."""
 
     low: float = -180.0
     high: float = 180.0
+    sensor: str = ""
     unit: ClassVar[str] = "deg"
     name: ClassVar[str] = "heading"
     mirror_sign: ClassVar[int] = -1
-    expression: ClassVar[str] = "hub.imu.heading()"
     is_nominal: ClassVar[bool] = True
     accumulates: ClassVar[bool] = True
+
+    @property
+    def expression(self) -> str:
+        return f"sensor_{self.sensor}.angle()" if self.sensor else "hub.imu.heading()"
 
 
 @dataclass(frozen=True)

@@ -9,19 +9,20 @@ import re
 import sys
 import typing
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 from brickhub.fields import check_call, check_value
 from brickhub.files import quoted
 from brickhub.robot import Robot
-from brickhub.user_files import NotCode, beside, is_reference, load_object, objects_in
+from brickhub.user_files import beside, is_reference, load_object, objects_in
 from bricksrl.envs.arenas import ARENAS
 from bricksrl.envs.base_env import BaseEnv
 from bricksrl.envs.options import TRANSFORMS, EnvOptions
 from bricksrl.envs.task import Kinematics, Task, task_of
 from bricksrl.envs.tasks.line_follow import LINE_FOLLOW
+from bricksrl.envs.tasks.on_robots import with_robots
 from bricksrl.envs.tasks.park import PARK
 from bricksrl.envs.tasks.robo_arm import robo_arm
 from bricksrl.envs.tasks.robo_arm_mixed import robo_arm_mixed
@@ -36,7 +37,7 @@ from bricksrl.errors import (
     UnknownOptionError,
     hint,
 )
-from bricktwin.robots import CART
+from bricktwin.robots import CART, EV3_DRIVER
 from bricktwin.robots.planned import completed
 
 
@@ -58,30 +59,12 @@ class Registration:
     note: str = ""
 
 
-def _on_robot(task: Task) -> Callable[..., Task]:
-    """Builder of a task that another driving robot can do too: the option ``robot`` names its own
-    or the cart of LEGO's kits."""
-
-    def build(robot: Annotated[str, NotCode()] = task.robot.name) -> Task:
-        known = {task.robot.name: task.robot, CART.name: CART}
-        if robot not in known:
-            raise DescriptionError(
-                f"{task.id} is not for robot '{robot}'{hint(robot, known)}; choose "
-                f"{' or '.join(known)}"
-            )
-        # Where nothing changes, the very same task is returned, so that it can be compared with the
-        # registered one.
-        return task if robot == task.robot.name else replace(task, robot=known[robot])
-
-    return build
-
-
 _SIMULATED = " (simulated without a hub, thousands at once)"
 _BUILT_IN = {
-    "LineFollow-v0": Registration(_on_robot(LINE_FOLLOW), episodes=30),
-    "Park-v0": Registration(_on_robot(PARK), episodes=30),
+    "LineFollow-v0": Registration(with_robots(LINE_FOLLOW, CART, EV3_DRIVER), episodes=30),
+    "Park-v0": Registration(with_robots(PARK, CART, EV3_DRIVER), episodes=30),
     "RunAway-v0": Registration(run_away),
-    "Spinning-v0": Registration(_on_robot(SPINNING), episodes=15),
+    "Spinning-v0": Registration(with_robots(SPINNING, CART, EV3_DRIVER), episodes=15),
     "Walker-v0": Registration(functools.partial(walker, "Walker-v0"), episodes=75),
     "Walker-v1": Registration(walker_forward, episodes=75),
     "Walker-v2": Registration(lambda: WALKER_STREAMED, episodes=12),

@@ -365,7 +365,9 @@ def _fit(hub: Placed, placed: Placed) -> Iterator[_Mistake]:
     """Finding about a plug that does not fit its port."""
     fitting = HubKind(hub.electric.name).model.takes(_model_of(placed))
     if placed.port not in fitting:
-        remedy = f"choose one of {', '.join(fitting)}" if fitting else "take one of the hub's family"
+        remedy = (
+            f"choose one of {', '.join(fitting)}" if fitting else "take one of the hub's family"
+        )
         text = f"{placed.name} does not fit port {placed.port} of {hub.name}; {remedy}"
         yield placed.line, "wiring", text
 

@@ -150,7 +150,9 @@ ROBO_ARM = Robot(
 )
 """The RoboArm: a turntable, two joints and a gripper on a fixed base."""
 
-ROBOTS = {robot.name: robot for robot in (TWO_WHEELER, SCOUT, CART, EV3_DRIVER, WALKER, ROBO_ARM, BENCH)}
+ROBOTS = {
+    robot.name: robot for robot in (TWO_WHEELER, SCOUT, CART, EV3_DRIVER, WALKER, ROBO_ARM, BENCH)
+}
 
 
 def get(name: str) -> Robot:

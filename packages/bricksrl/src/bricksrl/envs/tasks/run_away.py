@@ -44,7 +44,13 @@ The paper defines no success for this task. Here an episode succeeds when it end
 from the wall. Reaching 2000 mm is no criterion: it ends the episode, and with it the rewards, so
 that the best policy avoids it. The metrics are the last distance, `final_distance_mm`, and the
 largest pitch in either direction, `largest_pitch_deg`, as a robot that brakes hard tips over.
+
+With the option `robot=ev3-driver`, whose brick has no IMU, pitch and roll are missing, and its
+ultrasonic sensor sees up to 2550 mm.
 """
+
+from dataclasses import replace
+from typing import Annotated
 
 from brickhub.fields import check_value
 from brickhub.hub.interface import (
@@ -56,8 +62,10 @@ from brickhub.hub.interface import (
     Roll,
     UntilDone,
 )
+from brickhub.user_files import NotCode
 from bricksrl.envs.task import Task, Tensor
-from bricktwin.robots import TWO_WHEELER
+from bricksrl.envs.tasks.on_robots import on_robot
+from bricktwin.robots import EV3_DRIVER, TWO_WHEELER
 from bricktwin.twin.scene import Scene
 
 NEAR_MM = 40.0
@@ -69,30 +77,40 @@ AWAY_MM = 1000.0
 
 # These are the places of the channels below in an observation. A slice keeps the last dimension.
 _PITCH = 2
-_DISTANCE = slice(4, 5)
+_DISTANCE = slice(-1, None)
 
 
 def success(observations: Tensor) -> Tensor:
     """True if the episode ended well away from the wall: bool ``[*batch]``, of its observations
     ``[*batch, steps, n]``, with ``n`` numbers a step."""
-    return observations[..., -1, _DISTANCE.start] >= AWAY_MM
+    return observations[..., -1, -1] >= AWAY_MM
 
 
 def metrics(observations: Tensor) -> dict[str, Tensor]:
     """The last distance and the largest pitch of the episode, each ``[*batch]``, of its
     observations ``[*batch, steps, n]``."""
     return {
-        "final_distance_mm": observations[..., -1, _DISTANCE.start],
+        **metrics_without_tilt(observations),
         "largest_pitch_deg": observations[..., _PITCH].abs().amax(-1),
     }
 
 
-def run_away(*, ends_at_wall: bool = True) -> Task:
+def metrics_without_tilt(observations: Tensor) -> dict[str, Tensor]:
+    """The last distance of the episode, ``[*batch]``, of observations ``[*batch, steps, n]``."""
+    return {"final_distance_mm": observations[..., -1, -1]}
+
+
+def run_away(
+    *,
+    ends_at_wall: bool = True,
+    robot: Annotated[str, NotCode()] = TWO_WHEELER.name,
+) -> Task:
     """The task.
 
     Args:
         ends_at_wall: whether an episode ends at the wall, without a penalty, as in the paper's
             released code.
+        robot: name of the robot that does it, two-wheeler or ev3-driver.
     """
     check_value("ends_at_wall", ends_at_wall, bool)
 
@@ -110,7 +128,7 @@ def run_away(*, ends_at_wall: bool = True) -> Task:
         at_limit = distance_mm >= FAR_MM
         return at_limit | (distance_mm <= NEAR_MM) if ends_at_wall else at_limit
 
-    return Task(
+    task = Task(
         id="RunAway-v0",
         doc=__doc__,
         robot=TWO_WHEELER,
@@ -126,6 +144,10 @@ def run_away(*, ends_at_wall: bool = True) -> Task:
         terminated=terminated,
         scene=Scene(wall_distance_mm=(200.0, 300.0), heading_deg=(-5.0, 5.0)),
     )
+    on_it = on_robot(task, robot, (EV3_DRIVER,))
+    if not on_it.robot.hub.model.has_imu:
+        return replace(on_it, metrics=metrics_without_tilt)
+    return on_it
 
 
 RUN_AWAY = run_away()

@@ -53,7 +53,7 @@ def run_away(_state: Mapping[str, Any]) -> Any:
 def spin(state: Mapping[str, Any]) -> Any:
     """Both wheels in opposite directions at full speed, in the drawn direction."""
     turn = np.array([-1.0, 1.0])
-    return turn if state["observation"][5] < 0.5 else -turn
+    return turn if state["observation"][-1] < 0.5 else -turn
 
 
 def trot(state: Mapping[str, Any]) -> Any:

@@ -40,6 +40,9 @@ The yaw rate in deg/s, negated when the direction is 1.
 The paper defines no success for this task. Here an episode succeeds when the mean yaw rate in the
 commanded direction is 100 deg/s or more. That mean, negative for the wrong direction, is the metric
 `mean_yaw_rate_deg_s`.
+
+With the option `robot=ev3-driver`, whose brick has no IMU, pitch and roll are missing, and the yaw
+rate is that of its gyro sensor.
 """
 
 from brickhub.hub.interface import Interface, MotorAngle, Pitch, Roll, RunAngle, Wait, YawRate
@@ -49,8 +52,9 @@ from bricktwin.robots import TWO_WHEELER
 SUCCESS_DEG_S = 100.0
 """Least mean yaw rate of a successful episode."""
 
-_YAW_RATE = slice(4, 5)
-_DIRECTION = slice(5, 6)
+# The last entries of an observation; a robot without an IMU has fewer before them.
+_YAW_RATE = slice(-2, -1)
+_DIRECTION = slice(-1, None)
 
 
 def reward(
