@@ -106,7 +106,7 @@ format: $(INSTALLED)
 
 booklets: $(INSTALLED)
 	mkdir -p docs/plans
-	for robot in two-wheeler walker robo-arm; do $(BIN)/bricksrl plan steps $$robot --out docs/plans/$$(echo $$robot | tr - _).pdf || exit 1; done
+	for robot in two-wheeler walker robo-arm ev3-driver; do $(BIN)/bricksrl plan steps $$robot --out docs/plans/$$(echo $$robot | tr - _).pdf || exit 1; done
 
 clean:
 	rm -rf .venv build dist packages/*/build packages/*/src/*.egg-info .mypy_cache .pytest_cache .ruff_cache .hypothesis .import_linter_cache

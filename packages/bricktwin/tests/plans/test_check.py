@@ -14,7 +14,7 @@ from bricktwin.plans import ldraw_file
 from bricktwin.plans.plan import make_plan, read_plan
 
 _COUNT = re.compile(r"^0 !BRICKSRL PARTS .*\n", re.MULTILINE)
-SEEDS = {"two_wheeler": 56, "walker": 32, "robo_arm": 32}
+SEEDS = {"two_wheeler": 56, "walker": 32, "robo_arm": 32, "ev3_driver": 16}
 FRAME = "1 72 0 20 0 1 0 0 0 1 0 0 0 1 32316.dat"
 HELD = (BEAM, FRAME, pin(0, 10, 20), pin(0, 10, -20))
 

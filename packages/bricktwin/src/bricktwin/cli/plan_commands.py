@@ -17,7 +17,7 @@ from bricktwin.plans.check import check
 from bricktwin.plans.plan import Plan, read_plan
 from bricktwin.robots.planned import check_named, plan_file, without_stops
 
-_ROBOTS = "two-wheeler, walker, robo-arm"
+_ROBOTS = "two-wheeler, walker, robo-arm, ev3-driver"
 _PLAN = f"An LDraw file (.ldr, .mpd), Studio's .io, or a robot: {_ROBOTS}."
 PlanArgument = Annotated[Positional[Path], option(metavar="FILE", help=_PLAN)]
 
