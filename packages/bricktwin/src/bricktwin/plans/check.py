@@ -357,18 +357,22 @@ def _check_wiring(plan: Plan) -> Iterator[_Mistake]:
             yield placed.line, "wiring", text
         else:
             used[placed.port] = placed
-            yield from _fit(hubs[0], placed)
+            yield from _fit(hubs[0], placed, placed.port)
             yield from _cable(hubs[0], positions[placed.port], placed)
 
 
-def _fit(hub: Placed, placed: Placed) -> Iterator[_Mistake]:
+def _fit(
+    hub: Placed,
+    placed: Placed,
+    port: str,
+) -> Iterator[_Mistake]:
     """Finding about a plug that does not fit its port."""
     fitting = HubKind(hub.electric.name).model.takes(_model_of(placed))
-    if placed.port not in fitting:
+    if port not in fitting:
         remedy = (
             f"choose one of {', '.join(fitting)}" if fitting else "take one of the hub's family"
         )
-        text = f"{placed.name} does not fit port {placed.port} of {hub.name}; {remedy}"
+        text = f"{placed.name} does not fit port {port} of {hub.name}; {remedy}"
         yield placed.line, "wiring", text
 
 
