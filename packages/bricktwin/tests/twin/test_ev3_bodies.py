@@ -7,8 +7,10 @@ import io
 import math
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from brickhub.hub.link.profiles import PROFILES
 from brickhub.robot import (
     DriveBase,
     HubKind,
@@ -21,9 +23,10 @@ from brickhub.robot import (
 )
 from brickhub.virtual.run import run_file
 from bricktwin.twin.engines.conventions import BACKLASH
+from bricktwin.twin.make_body import make_body
 from bricktwin.twin.mujoco_body import MujocoBody
 from bricktwin.twin.objects import Beacon, Block, Object
-from bricktwin.twin.physics import Physics
+from bricktwin.twin.physics import DRAWN_CABLES, Physics, RandomPhysics
 from bricktwin.twin.scene import Scene
 
 CART = Robot(
@@ -49,6 +52,13 @@ QUIET = Physics(distance_noise_mm=0, distance_noise_ratio=0, gyro_noise_deg_s=0)
 def body(robot: Robot = CART, *objects: Object, **values: float) -> MujocoBody:
     physics = dataclasses.replace(QUIET, **values)
     return MujocoBody(robot, Scene(objects=objects), physics, 0)
+
+
+def test_its_link_is_a_cable() -> None:
+    assert make_body(CART).link == PROFILES["usb"]
+    drawn = make_body(CART, physics=RandomPhysics())
+    drawn.reset(np.random.default_rng(0))
+    assert drawn.link in DRAWN_CABLES
 
 
 def test_play_of_the_gears() -> None:

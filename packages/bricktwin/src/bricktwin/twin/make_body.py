@@ -10,11 +10,12 @@ from dataclasses import replace
 from types import MappingProxyType
 
 from brickhub.errors import TwinError
+from brickhub.hub.link.profiles import usual_link
 from brickhub.robot import Robot
 from brickhub.robot.spec import with_end_stops
 from brickhub.virtual.bench_body import BenchBody
 from brickhub.virtual.body import Body, Rng
-from bricktwin.twin.physics import Physics, RandomPhysics
+from bricktwin.twin.physics import DRAWN_CABLES, Physics, RandomPhysics
 from bricktwin.twin.scene import OPEN_FLOOR, Scene
 
 
@@ -87,6 +88,8 @@ def make_body(
     # All end stops are put into the robot, so that from here on nobody has to ask who gave them.
     robot = with_end_stops(robot, {**scene.end_stops, **end_stops})
     scene = replace(scene, end_stops={})
+    if isinstance(physics, RandomPhysics) and not robot.hub.model.has_bluetooth:
+        physics = replace(physics, links=DRAWN_CABLES)
     if not lies_on_bench(robot, scene):
         if scene.readings:
             raise TwinError(
@@ -101,7 +104,7 @@ def make_body(
         return MujocoBody(
             robot,
             scene,
-            physics or Physics(),
+            physics or Physics().with_link(usual_link(robot.hub.model)),
             seed,
         )
 

@@ -42,6 +42,8 @@ class Parameter:
 
 DRAWN_LINKS = (PROFILES["mac"], PROFILES["linux"])
 """Links of domain randomization: those of ordinary computers."""
+DRAWN_CABLES = (PROFILES["usb-quick"], PROFILES["usb"], PROFILES["usb-slow"])
+"""Those of a hub that only a cable reaches."""
 
 
 def _parameter(
@@ -439,11 +441,13 @@ class RandomPhysics:
     the width is not in 0..1.
 
     Attributes:
-        width: 1 draws each parameter uniformly from its whole range, and one of ``DRAWN_LINKS``; 0
-            keeps the defaults.
+        width: 1 draws each parameter uniformly from its whole range, and one of the links; 0 keeps
+            the defaults.
+        links: from which one is drawn.
     """
 
     width: float = 1.0
+    links: tuple[LinkProfile, ...] = DRAWN_LINKS
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.width <= 1.0:
@@ -453,10 +457,10 @@ class RandomPhysics:
         """Draw the parameters."""
         nominal = Physics()
         # The numbers of a link belong together: one link is drawn, and not each of its numbers.
-        count = len(DRAWN_LINKS)
+        count = len(self.links)
         # 1 is a possible draw, as a generator's upper end may be its own.
         number = int(rng.uniform(0.0, 1.0) * count) % count
-        drawn_link = nominal.with_link(DRAWN_LINKS[number])
+        drawn_link = nominal.with_link(self.links[number])
         values = {}
         for name, parameter in PARAMETERS.items():
             low, high = parameter.random_range
