@@ -7,7 +7,8 @@ The whole site, from a plain file server of this computer (which sends no header
 loads itself once more for its service worker) and from the site's own starter ``serve.py``.
 
 - Waits: from the request to the first picture of the robot, and to the robot's first motion, of
-  visitors with an empty cache and at their second visit; medians.
+  visitors with an empty cache and at their second visit; medians. With them the processor time of
+  all of the browser until then, as a computer that does something else makes visitors wait longer.
 - Memory: proportional memory (PSS) of the page's own process while the first example runs, and
   every half minute while a program drives without end at five times real time. Growth is the slope
   of a line through them without the first quarter, in which the record of the run fills.
@@ -96,8 +97,19 @@ def own_starter(folder: Path) -> Iterator[str]:
         process.wait()
 
 
+def cpu_s(browser: Browser) -> float:
+    """Processor time of all of a browser so far."""
+    session = browser.new_browser_cdp_session()
+    processes = session.send("SystemInfo.getProcessInfo")["processInfo"]
+    return sum(float(process["cpuTime"]) for process in processes)
+
+
 def visit(page: Page, address: str) -> dict[str, float]:
-    """Seconds from the request to the robot's picture, and to its first motion."""
+    """Seconds from the request to the robot's picture, and to its first motion; and the browser's
+    processor time."""
+    browser = page.context.browser
+    assert browser is not None
+    used_s = cpu_s(browser)
     started_s = time.monotonic()
     page.goto(address, wait_until="commit")
     page.wait_for_selector("#scene[data-frames]")
@@ -107,7 +119,11 @@ def visit(page: Page, address: str) -> dict[str, float]:
         page.click("#run")
     wait_until(page, "parseFloat(document.querySelector('#clock').textContent) >= 0.2")
     moving_s = time.monotonic() - started_s
-    return {"seen_s": round(seen_s, 2), "moving_s": round(moving_s, 2)}
+    return {
+        "seen_s": round(seen_s, 2),
+        "moving_s": round(moving_s, 2),
+        "cpu_s": round(cpu_s(browser) - used_s, 2),
+    }
 
 
 def wait_until(page: Page, condition: str) -> None:
@@ -132,7 +148,7 @@ def waits(browser: Browser, address: str, visitors: int) -> dict[str, Any]:
         context.close()
     found: dict[str, Any] = {}
     for name, several in visits.items():
-        for key in ("seen_s", "moving_s"):
+        for key in ("seen_s", "moving_s", "cpu_s"):
             values = [one[key] for one in several]
             found[f"{name}_{key}"] = round(statistics.median(values), 2)
         found[f"{name}_each"] = several

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -77,7 +78,7 @@ WORDS = [
     "for n in range(3000):\n    print('line', n)\n",
     f"x = {'[' * 100}{']' * 100}\n",
 ]
-"""Programs that print in the tab, to the last character, what they print in a terminal."""
+"""Programs that print in the tab what they print in a terminal."""
 
 TOO_DEEP = [
     f"x = {'(' * 5000}1{')' * 5000}\n",
@@ -93,8 +94,8 @@ TOO_DEEP = [
 """Programs too deep for a parser or a stack: the hub's words, or the page's own."""
 
 ENDLESS = [
-    "sum(iter(int, 1))\n",
-    "x = 2\nwhile True:\n    x = x * x % 1000003\n",
+    "print(sum(n % 7 for n in range(10 ** 9)))\n",
+    "x = 2\nwhile True:\n    x = (7 * x + 1) % 1009\n",
     "def f():\n    while True:\n        yield 1\nfor x in f():\n    pass\n",
     "while True:\n    try:\n        1 / 0\n    except Exception:\n        pass\n",
     "while True:\n    print('x' * 10000)\n",
@@ -102,6 +103,14 @@ ENDLESS = [
     f"{HUB}while True:\n    hub.display.number(1)\n    hub.light.off()\n",
     f"{MOTOR}m = Motor(Port.A)\nwhile True:\n    m.run(100)\n    m.angle()\n",
 ]
+
+
+def words(text: str) -> str:
+    """What is printed, without what depends on the version of Python, which is another one in the
+    tab: how many levels of its own a call through a built-in function takes, and sizes of its
+    objects to the byte."""
+    once = re.sub(r"(  File .+, in \w+\n)\1+", r"\1", text)
+    return re.sub(r"allocating \d+ bytes", "allocating bytes", once)
 
 
 def is_usable(page: Page) -> bool:
@@ -115,7 +124,7 @@ def test_words_are_the_hubs_own(page: Page, number: int, tmp_path: Path) -> None
     source = WORDS[number]
     name, shown, state = run_program(page, source)
     assert state in ("error", "finished", "stopped")
-    assert shown == printed(tmp_path, {name: source}, name)
+    assert words(shown) == words(printed(tmp_path, {name: source}, name))
     assert is_usable(page)
 
 
