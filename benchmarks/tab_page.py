@@ -10,8 +10,8 @@ loads itself once more for its service worker) and from the site's own starter `
   visitors with an empty cache and at their second visit; medians. With them the processor time of
   all of the browser until then, as a computer that does something else makes visitors wait longer.
 - Memory: proportional memory (PSS) of the page's own process while the first example runs, and
-  every half minute while a program drives without end at five times real time. Growth is the slope
-  of a line through them without the first quarter, in which the record of the run fills.
+  every half minute while a program drives without end at five times real time. A browser's own
+  collections of garbage let it rise and fall, so that a leak shows in the least of each third.
 """
 
 from __future__ import annotations
@@ -31,8 +31,6 @@ from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-
-import numpy as np
 
 from benchmarks.session import Session
 from bricktwin.site.build import build_site
@@ -190,22 +188,23 @@ def drive(browser: Browser, address: str, minutes: float) -> dict[str, Any]:
     wait_until(page, "document.querySelector('#programs').value === 'circles.py'")
     page.select_option("#rate", RATE)
     page.click("#run")
-    rows = []
+    rows: list[tuple[float, float]] = []
+    session = context.new_cdp_session(page)
     started_s = time.monotonic()
-    while (now_s := time.monotonic() - started_s) < 60 * minutes:
+    while time.monotonic() - started_s < 60 * minutes:
         page.wait_for_timeout(min(30_000, 6000 * minutes))
+        session.send("HeapProfiler.collectGarbage")
         clock = page.text_content("#clock") or "0"
-        rows.append((now_s / 60, page_mb(browser), float(clock.split()[0])))
+        rows.append((page_mb(browser), float(clock.split()[0])))
     context.close()
-    table = np.array(rows)
-    late = table[len(table) // 4 :]
-    slope = float(np.polyfit(late[:, 0], late[:, 1], 1)[0]) if len(late) > 2 else None
+    third = max(1, len(rows) // 3)
+    pieces = [rows[start : start + third] for start in range(0, 3 * third, third)]
     return {
         "first_example_mb": round(at_first_mb, 1),
         "minutes": minutes,
-        "simulated_s": float(table[-1, 2]),
-        "mb": [round(value, 1) for value in table[:, 1].tolist()],
-        "growth_mb_per_minute": slope and round(slope, 3),
+        "simulated_s": rows[-1][1],
+        "mb": [round(mb, 1) for mb, _ in rows],
+        "least_mb_of_each_third": [round(min(mb for mb, _ in piece), 1) for piece in pieces],
     }
 
 

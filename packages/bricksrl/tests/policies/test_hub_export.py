@@ -276,7 +276,7 @@ def test_a_hub_draws_its_goals_itself(tmp_path: Path) -> None:
 @pytest.mark.usefixtures("quick")
 def test_the_world_of_a_policy_is_beside_its_program(tmp_path: Path) -> None:
     path = tmp_path / "away.py"
-    hub_export.export_own("RunAway-v0", path, hidden=(4,))
+    assert main(["export", "RunAway-v0", "--format", "hub", "--out", str(path)]) == 0
     assert "\n# Robot: two-wheeler away\n" in path.read_text()
     scene = read_plain(json.loads((tmp_path / "away.json").read_text()))
     assert scene == get_task("RunAway-v0").scene

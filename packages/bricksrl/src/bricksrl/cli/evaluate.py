@@ -25,10 +25,11 @@ from brickhub.options import (
 )
 from brickhub.user_files import check_there, without_folder
 from bricksrl.cli.terminal import EmergencyStop, load_learning, placing, telling
-from bricksrl.errors import DescriptionError, StoppedError, TwinError, counted, percent
+from bricksrl.errors import DescriptionError, RunError, StoppedError, TwinError, counted, percent
 from bricksrl.evaluation.class_table import ClassTable, class_table
 from bricksrl.evaluation.comparison import Comparison, Group, compare, draw
 from bricksrl.plotting import check_picture, number
+from bricksrl.policies.by_name import TRAINED
 from bricksrl.training.callbacks import WINDOW
 from bricksrl.training.existing_run import existing_policy, existing_run
 from bricksrl.training.run_folder import RunFolder
@@ -351,6 +352,17 @@ def _interval(group: Group) -> str:
     return f"{number(group.interval.low)} to {number(group.interval.high)}"
 
 
+def _is_own(run: Path) -> bool:
+    """Whether this is no folder, but an environment whose policy comes with BricksRL."""
+    return str(run) in TRAINED and not run.exists()
+
+
+def _existing_or_own(run: Path | str) -> None:
+    """Raise RunError if there is no policy of this name."""
+    if not _is_own(Path(run)):
+        existing_policy(run)
+
+
 @dataclass(frozen=True)
 class Export:
     """Export a trained policy to a file that can be used without BricksRL.
@@ -366,11 +378,13 @@ class Export:
     Examples:
       bricksrl export runs/spin --out spin.pt2
       bricksrl export runs/walk --format hub --out walk.py
+      bricksrl export Walker-v1 --format hub --out walk.py
       bricksrl export runs/spin --format onnx --out spin.onnx
     """
 
-    run: Annotated[Positional[Path], option(metavar="RUN"), Existing(existing_policy)]
-    """Folder of a run, or of a shared policy."""
+    run: Annotated[Positional[Path], option(metavar="RUN"), Existing(_existing_or_own)]
+    """Folder of a run, or of a shared policy; with --format hub also an environment whose policy
+    comes with BricksRL."""
     out: Annotated[Path, option(metavar="FILE")]
     """File to write, which must not exist."""
     format: Annotated[Literal["torch-export", "onnx", "hub"], option(metavar="NAME")] = (
@@ -385,10 +399,13 @@ class Export:
         load_learning()
         which: Literal["last", "best"] = "best" if self.best else "last"
         if self.format == "hub":
-            from bricksrl.policies.hub_export import export_program
+            from bricksrl.policies.hub_export import export_own, export_program
 
             with telling("playing and comparing"):
-                made = export_program(self.run, self.out, which=which)
+                if _is_own(self.run):
+                    made = export_own(str(self.run), self.out)
+                else:
+                    made = export_program(self.run, self.out, which=which)
             print_line(
                 f"written  {self.out}  (a {made.kind}: {made.program_bytes} bytes, and "
                 f"{made.heap_bytes} of objects)"
@@ -404,6 +421,8 @@ class Export:
             return
         from bricksrl.policies.export import export_model
 
+        if _is_own(self.run):
+            raise RunError(f"the policy of {self.run} is exported with --format hub only; add it")
         difference = export_model(
             self.run,
             self.out,

@@ -1,7 +1,7 @@
 // Player of a run: its record, and the clock by which it is shown. Where there is a way in, the hub waits for this clock; else
 // the run is computed at once, and only shown in time.
 
-const LEAD_MS = 40, LONGEST_LEAD_MS = 400, MAX_FRAMES = 30000; // ten minutes
+const LEAD_MS = 40, LONGEST_LEAD_MS = 400, MAX_FRAMES = 30000, MAX_PANELS = 10000; // ten minutes
 export const FAST = Infinity;
 
 export class Player {
@@ -52,6 +52,8 @@ export class Player {
       this.events.push(event);
       if (event.kind === "panel") this.panels.push(event);
     }
+    // A light that blinks for an hour fills memory else.
+    if (this.panels.length > 2 * MAX_PANELS) this.panels.splice(0, this.panels.length - MAX_PANELS);
   }
 
   // The run has ended. With `atOnce`, nothing is left to be waited for.
