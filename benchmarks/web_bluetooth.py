@@ -60,6 +60,8 @@ HANG_S = 120.0
 STILL_S = 3.0
 """Longest time after a fault until the motors stand: a trial of two and a half seconds."""
 LOOK_S = 0.05
+SAID = ("teach=status", "teach=distance", "real=facts", "real=status")
+"""What is told of a hang."""
 KINDS = ("lost", "refused", "silent", "battery")
 
 
@@ -90,6 +92,13 @@ class Bench:
             ".map((title) => ({ text: title.textContent }))"
         )
         return found
+
+    async def said(self) -> str:
+        """What the page and the hub say at a hang."""
+        texts = [await self.page.text_content(f"[data-{name}]") for name in SAID]
+        place_mm = self.hub.body.distance_mm("E")
+        texts.append(f"runs: {self.hub.is_running}, sees {place_mm} mm")
+        return " | ".join(text or "" for text in texts)
 
     async def is_learning(self) -> bool:
         return await self.page.text_content("#state") == "learning"
@@ -146,7 +155,7 @@ async def faulty(bench: Bench, faults: int, seed: int) -> dict[str, Any]:
         while len(await bench.trials()) <= count:
             await _learning(bench)
             if time.monotonic() - fault_s > HANG_S:
-                said = await bench.page.text_content("[data-teach=status]")
+                said = await bench.said()
                 raise AssertionError(f"fault {number}, {kind}: nothing goes on ({said})")
         recovered_s.append(time.monotonic() - fault_s)
         if driven is not None:

@@ -36,6 +36,7 @@ def run_kit_file(
     stderr: TextIO | None = None,
     time_limit_s: float | None = None,
     operation: Operation | None = None,
+    kit_class: type[VirtualKit] = VirtualKit,
 ) -> int:
     """Run a Python program that imports ``legoeducation`` to its end, on virtual devices and in
     their time.
@@ -45,6 +46,7 @@ def run_kit_file(
         body: the robot; ``None`` for a bench with a device of each kind.
         stderr: for a traceback or a stop message; ``None`` for this process's.
         time_limit_s: simulated seconds until the program is stopped.
+        kit_class: virtual devices, and how they and the program take turns.
         operation: readings, pace, and what watches the machine. Buttons are refused: the devices'
             own start no programs.
 
@@ -60,7 +62,7 @@ def run_kit_file(
     stderr = stderr or sys.stderr
     source = read_program(path)
     check_time_limit(time_limit_s)
-    kit = _kit(body, operation)
+    kit = _kit(body, operation, kit_class)
     kit.attach()
     from brickhub.kits.lego_transport import VirtualTransport
 
@@ -102,7 +104,11 @@ def run_kit_file(
     return 0
 
 
-def _kit(body: Body | None, operation: Operation) -> VirtualKit:
+def _kit(
+    body: Body | None,
+    operation: Operation,
+    kit_class: type[VirtualKit],
+) -> VirtualKit:
     if operation.presses:
         raise TwinError(
             "the devices of LEGO's kits have no buttons that a program reads; leave out the presses"
@@ -119,7 +125,7 @@ def _kit(body: Body | None, operation: Operation) -> VirtualKit:
                 f"'{body.robot.name}' has a {body.robot.hub.value} hub, not devices of LEGO's "
                 "kits; take --robot cart"
             )
-        return VirtualKit(body, realtime=operation.realtime)
+        return kit_class(body, realtime=operation.realtime)
     if operation.devices:
         raise TwinError(
             "the bench of LEGO's kits has a Double Motor, a Single Motor and a Color Sensor; "
@@ -131,7 +137,7 @@ def _kit(body: Body | None, operation: Operation) -> VirtualKit:
     # Both wheels turn the bench, so that a turn by the IMU has an end there.
     bench.put_on_wheels({"A": _TURN_PER_MDEG, "B": _TURN_PER_MDEG})
     sensor_ports = [port for port, device in BENCH_PORTS.items() if device != "Motor"]
-    return VirtualKit(bench, realtime=operation.realtime, sensor_ports=sensor_ports)
+    return kit_class(bench, realtime=operation.realtime, sensor_ports=sensor_ports)
 
 
 @contextmanager

@@ -9,7 +9,6 @@ package's own thread.
 from collections.abc import Mapping
 from typing import Any, ClassVar
 
-from legoeducation.basic_ble import BasicBLE
 from legoeducation.ble_transport import BLETransport
 
 
@@ -77,6 +76,9 @@ class VirtualTransport(BLETransport):  # type: ignore[misc]  # the package has n
         """Bluetooth of this computer, as LEGO's package uses it by itself."""
         # Bluetooth is made only where it is used, because who has virtual devices may have none.
         if self._bluetooth is None:
+            # In a browser's tab there is no such Bluetooth, and nothing that could be imported.
+            from legoeducation.basic_ble import BasicBLE
+
             self._bluetooth = BasicBLE(shutdown_callback=None)
         return self._bluetooth
 

@@ -27,7 +27,7 @@ from brickhub.virtual.machine import CONTROL_LOOP_MS, Machine, Pace
 from brickhub.virtual.virtual_transport import PLACEMENT_MS, Radio, VirtualHub
 
 _T = TypeVar("_T")
-_Delivery = tuple[Callable[[Any, bytes], Any], bytes]
+Delivery = tuple[Callable[[Any, bytes], Any], bytes]
 """A packet, and the function of LEGO's package that is given it."""
 _IDLE_S = 1.0
 """Time without a call after which a program is taken to poll: long, as another program may have the
@@ -113,7 +113,7 @@ class Peer:
 
     # The methods from here on run in the thread of the world.
 
-    def exchange(self, now_ms: int) -> list[_Delivery]:
+    def exchange(self, now_ms: int) -> list[Delivery]:
         """Hand the device what has arrived, take what it sends, and return what has arrived at this
         computer."""
         device = self.device
@@ -140,7 +140,7 @@ class Peer:
             for packet in device.outbox:
                 self._up.append((due_ms, packet))
         device.outbox.clear()
-        arrived: list[_Delivery] = []
+        arrived: list[Delivery] = []
         notify = self._notify
         while self._up and self._up[0][0] <= now_ms:
             _, packet = self._up.popleft()
@@ -318,23 +318,28 @@ class VirtualKit:
         self._events += 1
         self.awake.notify_all()
 
-    def _tick(self) -> None:
-        """One control step of the world, and what arrives in it."""
+    def step(self) -> list[Delivery]:
+        """One control step of the world; returns what arrives at this computer in it."""
         with self.awake:
             machine = self.machine
             machine.advance(CONTROL_LOOP_MS - machine.time_ms % CONTROL_LOOP_MS)
-            arrived: list[_Delivery] = []
+            arrived: list[Delivery] = []
             for peer in self.peers:
                 arrived += peer.exchange(machine.time_ms)
             self._sleepers = [due_ms for due_ms in self._sleepers if due_ms > machine.time_ms]
             self.awake.notify_all()
-        # The lock is released here, because the package's thread may need it for what it does next.
+        return arrived
+
+    def _tick(self) -> None:
+        """One control step of the world, and what arrives in it."""
+        arrived = self.step()
+        # The lock is not held here, because the package's thread may need it for what it does next.
         if arrived:
             self._hand_over(arrived)
         if self._pace is not None:
             self._pace.keep(self.machine.time_ms)
 
-    def _hand_over(self, arrived: list[_Delivery]) -> int:
+    def _hand_over(self, arrived: list[Delivery]) -> int:
         """Give LEGO's package what has arrived; returns how many of its calls waited for something
         before and still do."""
         if self.loop is None or self.loop.is_closed():

@@ -47,6 +47,10 @@ class MakeSite:
     """Robot that is offered beside ours: a building plan, my_robot.ldr, or my_robot.py. May be
     repeated."""
 
+    kits: bool = False
+    """Put LEGO's package for its kits of 2026 into the site, as it is installed here (its licence,
+    BUSL-1.1, permits non-commercial use), and the cart."""
+
     def execute(self) -> int:
         from brickhub.target import find
         from bricktwin.site.build import build_site
@@ -55,7 +59,13 @@ class MakeSite:
 
         own = [find(name).robot for name in self.robot]
         scenes = {scene_name(reference): load_scene(reference) for reference in self.scene}
-        files = build_site(self.out, (*own, *OWN), self.policies, scenes=scenes)
+        files = build_site(
+            self.out,
+            (*own, *OWN),
+            self.policies,
+            scenes=scenes,
+            has_kits=self.kits,
+        )
         size_mb = sum(path.stat().st_size for path in files) / 1e6
         print_line(f"{self.out}: {counted(len(files), 'file')}, {size_mb:.1f} MB")
         print_line(f"start it: python {self.out / 'serve.py'}")

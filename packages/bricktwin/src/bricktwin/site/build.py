@@ -9,11 +9,13 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 from brickhub.robot import Robot
+from bricktwin.robots import CART
+from bricktwin.site.houses import kit_package
 from bricktwin.site.names import bluetooth_names, device_table, pybricks_names
 from bricktwin.site.packages import SiteError
 from bricktwin.site.robots import OWN, write_robots
 from bricktwin.site.runtimes import put_runtimes
-from bricktwin.site.storing import write_json
+from bricktwin.site.storing import write_json, write_packed
 from bricktwin.site.tab.plain_values import read_plain
 from bricktwin.twin.scene import Scene
 from bricktwin.view.script import FOLDER as VIEW
@@ -38,6 +40,8 @@ def build_site(
     policies: Path | None = None,
     worlds: Sequence[str] = tuple(WORLDS),
     scenes: Mapping[str, Scene] | None = None,
+    *,
+    has_kits: bool = False,
 ) -> list[Path]:
     """Make a site in a folder, which is new, empty, or a site that is replaced.
 
@@ -48,12 +52,15 @@ def build_site(
             worlds that they name, ``WORLD.json``.
         worlds: those that can be chosen for robots that drive, beside the open floor.
         scenes: further worlds for these, by name, such as a user's picture as the floor.
+        has_kits: whether it has LEGO's package for its kits of 2026, as it is installed here, and
+            the cart.
 
     Returns:
         All files of the site.
 
     Raises:
         SiteError: the folder is something else, or what the site is made of cannot be fetched.
+        MediumUnavailableError: LEGO's package is not installed.
         TwinError: a robot has no model.
     """
     check_folder(out)
@@ -64,6 +71,9 @@ def build_site(
         fresh.mkdir()
         _copy_pages(fresh)
         put_runtimes(fresh)
+        if has_kits:
+            write_packed(fresh / "kits.zip", kit_package())
+            robots = (*robots, CART)
         index = write_robots(fresh, robots, drivers_worlds, _named_worlds(offered, policies))
         write_json(fresh / "robots.json", index)
         write_json(fresh / "programs.json", offered)

@@ -3,10 +3,12 @@
 import io
 import zipfile
 from collections.abc import Iterator
+from importlib.metadata import distribution
 from pathlib import Path
 
 import brickhub
 import bricktwin
+from brickhub.kits.radio import LEGO_PACKAGE, lego_package
 from bricktwin.site.storing import undated
 
 # Modules of the houses that nothing in a tab can use: they need the computer, or are not for it.
@@ -29,6 +31,20 @@ def houses() -> bytes:
     with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED, compresslevel=9) as archive:
         for name, content in _sources():
             archive.writestr(undated(name), content, zipfile.ZIP_DEFLATED)
+    return packed.getvalue()
+
+
+def kit_package() -> bytes:
+    """Archive, not compressed, of LEGO's package for its kits, as it is installed here: its
+    sources, and its licence, which goes with each copy. Raises MediumUnavailableError if it is not
+    installed."""
+    lego_package()
+    packed = io.BytesIO()
+    with zipfile.ZipFile(packed, "w") as archive:
+        for file in distribution(LEGO_PACKAGE).files or ():
+            is_wanted = file.suffix == ".py" or file.name in ("LICENSE", "METADATA")
+            if is_wanted:
+                archive.writestr(undated(file.as_posix()), file.read_binary())
     return packed.getvalue()
 
 

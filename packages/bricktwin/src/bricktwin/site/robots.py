@@ -19,7 +19,13 @@ from bricktwin.view.drawing_of_body import poses
 from bricktwin.worlds import world
 
 OWN = (TWO_WHEELER, WALKER, SCOUT, ROBO_ARM)
-_TITLES = {"two-wheeler": "2Wheeler", "walker": "Walker", "scout": "Scout", "robo-arm": "RoboArm"}
+_TITLES = {
+    "two-wheeler": "2Wheeler",
+    "walker": "Walker",
+    "scout": "Scout",
+    "robo-arm": "RoboArm",
+    "cart": "Cart",
+}
 _OPEN = "open floor"
 _BEHIND = {"distance_m": 1.1, "yaw_deg": -150.0, "pitch_deg": 34.0}
 """View of a robot in a world: from behind it, so that what is before it is seen."""

@@ -17,12 +17,12 @@ def undated(name: str) -> zipfile.ZipInfo:
 
 def pack(source: Path, folder: Path) -> None:
     """Store a file compressed in a folder."""
-    _write_packed(folder / source.name, source.read_bytes())
+    write_packed(folder / source.name, source.read_bytes())
 
 
 def write_packed_json(path: Path, content: object) -> None:
     """Store values as compressed JSON, under ``path`` with another ending."""
-    _write_packed(path, _as_json(content).encode())
+    write_packed(path, _as_json(content).encode())
 
 
 def write_json(path: Path, content: object) -> None:
@@ -30,7 +30,8 @@ def write_json(path: Path, content: object) -> None:
     path.write_text(_as_json(content), encoding="utf-8")
 
 
-def _write_packed(path: Path, content: bytes) -> None:
+def write_packed(path: Path, content: bytes) -> None:
+    """Write content compressed, to a file of that name and `PACKED`."""
     packed = gzip.compress(content, 9, mtime=0)
     path.with_name(path.name + PACKED).write_bytes(packed)
 

@@ -94,7 +94,7 @@ class MailboxRunner:
             async with asyncio.timeout(timeout_s):
                 return await coroutine
 
-        with _alone():
+        with alone():
             try:
                 return self.loop.run_until_complete(limited())
             except TimeoutError as error:
@@ -109,7 +109,7 @@ class MailboxRunner:
         """Cancel all coroutines, and run none any more."""
         if self.loop.is_closed():
             return
-        with _alone():
+        with alone():
             tasks = asyncio.all_tasks(self.loop)
             for task in tasks:
                 task.cancel()
@@ -119,7 +119,7 @@ class MailboxRunner:
 
 
 @contextmanager
-def _alone() -> Iterator[None]:
+def alone() -> Iterator[None]:
     """Context without the loop of the browser, which runs all the time, and in which no other one
     could run."""
     before = asyncio._get_running_loop()

@@ -4,12 +4,15 @@ import io
 import json
 import shutil
 from collections.abc import Mapping
-from contextlib import closing, suppress
+from contextlib import closing, redirect_stdout, suppress
 from pathlib import Path
 from typing import BinaryIO, TextIO, cast
 
-from brickhub.errors import BricksError
+from brickhub.errors import BricksError, MediumUnavailableError
 from brickhub.hub.program.program_files import ProgramFiles
+from brickhub.hub.program.run_program import imports
+from brickhub.hub.transport import HubProgram
+from brickhub.kits.radio import LEGO_PACKAGE
 from brickhub.virtual.body import Body
 from brickhub.virtual.machine import Machine, Pace
 from brickhub.virtual.run import Operation, interruptible, run_file
@@ -101,15 +104,22 @@ def run_in_tab(
 
     try:
         with closing(ProgramFiles(output, FOLDER, tell)) as files, interruptible():
-            code = run_file(
-                FOLDER / request["name"],
-                body,
-                stdout=cast("BinaryIO", files),
-                stderr=errors,
-                stdin=io.StringIO(request["stdin"]) if request.get("stdin") else None,
-                time_limit_s=request.get("time_limit_s"),
-                operation=Operation(attend=attend),
-            )
+            path = FOLDER / request["name"]
+            time_limit_s = request.get("time_limit_s")
+            operation = Operation(attend=attend)
+            if is_for_kits(request["files"][request["name"]]):
+                with redirect_stdout(_Text(output)):
+                    code = _run_kit(path, body, errors, time_limit_s, operation)
+            else:
+                code = run_file(
+                    path,
+                    body,
+                    stdout=cast("BinaryIO", files),
+                    stderr=errors,
+                    stdin=io.StringIO(request["stdin"]) if request.get("stdin") else None,
+                    time_limit_s=time_limit_s,
+                    operation=operation,
+                )
     except BricksError as error:
         recorder.tell("err", text=f"error: {error}\n")
         code = REFUSED_EXIT_CODE
@@ -121,6 +131,50 @@ def run_in_tab(
         tell_written(request["files"], recorder)
         recorder.post()
     return code
+
+
+def is_for_kits(source: str) -> bool:
+    """Whether a program is for LEGO's kits of 2026."""
+    return imports(HubProgram(source, 0), LEGO_PACKAGE)
+
+
+class _Text(io.TextIOBase):
+    """Standard output of a program that runs in this very Python."""
+
+    def __init__(self, output: BinaryIO) -> None:
+        super().__init__()
+        self._output = output
+
+    def write(self, text: str, /) -> int:
+        self._output.write(text.encode())
+        return len(text)
+
+
+def _run_kit(
+    path: Path,
+    body: Body | None,
+    errors: TextIO,
+    time_limit_s: float | None,
+    operation: Operation,
+) -> int:
+    """Run a program for LEGO's package. Raises MediumUnavailableError if the site lacks it."""
+    from brickhub.kits.kit_run import run_kit_file
+    from bricktwin.site.tab.kit_in_tab import OneThreadKit
+
+    try:
+        return run_kit_file(
+            path,
+            body,
+            stderr=errors,
+            time_limit_s=time_limit_s,
+            operation=operation,
+            kit_class=OneThreadKit,
+        )
+    except MediumUnavailableError:
+        raise MediumUnavailableError(
+            "this site has no package legoeducation, which is LEGO's (BUSL-1.1, for non-commercial "
+            "use); make it with `bricktwin site --kits`, or run the program with `brickhub run`"
+        ) from None
 
 
 def write_programs(files: Mapping[str, str]) -> None:

@@ -13,6 +13,7 @@ const HOUSES = "/houses", PATIENCE_MS = 50, ROW = 8;
 const say = (kind, values = {}, transfer = []) => postMessage({ kind, ...values }, transfer);
 let python = null, runInTab = null, bodyInTab = null, readJson = null, mailbox = null;
 let mujoco = null, physics = null; // a promise of MuJoCo, and the physics of a robot that was chosen
+let hasKits = false;
 let hubMailbox = null, realHub = null; // once a hub is connected
 let poses = []; // of the frames since the last post
 
@@ -87,10 +88,20 @@ async function run({ robot, picture, ...request }) {
     physics = new Physics(await mujoco, file);
     body = bodyInTab(readJson(JSON.stringify(file.robot)), physics.engine);
   }
+  if (request.files) await fetchKits(request.files[request.name]);
   const act = request.goal ? python.pyimport("bricktwin.site.tab.teach").teach_in_tab : runInTab;
   const code = act(JSON.stringify(request), page, body);
   body?.destroy();
   say("ended", { code });
+}
+
+// LEGO's package for its kits, for a program that is for them; a site may be without it, and then Python says so.
+async function fetchKits(source) {
+  if (hasKits || !python.pyimport("bricktwin.site.tab.run").is_for_kits(source)) return;
+  const response = await fetchPacked(new URL("kits.zip", import.meta.url).href).catch(() => null);
+  if (!response) return;
+  python.unpackArchive(await response.arrayBuffer(), "zip", { extractDir: HOUSES });
+  hasKits = true;
 }
 
 async function obeyHub({ robot, ...request }) {
