@@ -89,6 +89,7 @@ class HubModel:
             chooses others.
         peripherals: number of wireless devices that it can hold
             (``PBDRV_CONFIG_BLUETOOTH_NUM_PERIPHERALS``).
+        ran_pybricks_2: whether Pybricks 1 and 2 ran on it, whose programs are still around.
         missing: builtin names, and classes of wireless devices, that its firmware leaves out.
     """
 
@@ -123,6 +124,7 @@ class HubModel:
     buttons: tuple[str, ...] = ("center",)
     stop_button: str = "center"
     peripherals: int = 1
+    ran_pybricks_2: bool = False
     missing: tuple[str, ...] = ()
     alias: str = ""
     own_motors: str = ""
@@ -293,6 +295,7 @@ class HubKind(_Kind):
         buttons=("center", "left", "right", "up", "down", "left_up"),
         stop_button="left_up",
         peripherals=0,
+        ran_pybricks_2=True,
         missing=("LWP3Device", "XboxController"),
         alias="PrimeHub",
     )

@@ -26,7 +26,7 @@ from brickhub.hub.program.run_program import (
     time_limit_note,
 )
 from brickhub.hub.transport import HubProgram, as_typed
-from brickhub.robot import HubKind, MotorKind, SensorKind
+from brickhub.robot import MotorKind, SensorKind
 from brickhub.robot.hardware import USUAL_HUB_NAME
 from brickhub.virtual import error_numbers
 from brickhub.virtual.bench_body import FittedBench
@@ -334,8 +334,7 @@ def _run(
         report += _module_hint(error, path)
         report += _typing_hint(error, program.source)
         report += _ports_hint(error, machine)
-        # Programs of Pybricks 2 are for an EV3.
-        if machine.robot.hub.model.devices == HubKind.EV3.model.devices:
+        if machine.robot.hub.model.ran_pybricks_2:
             report += outdated_note(program)
         if isinstance(error, ImportError):
             report += language_note(program)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import random
 import struct
 import time
@@ -19,6 +20,7 @@ from brickhub.hub.interface import DriveSpeed, DriveTurnRate, Interface, MotorAn
 from brickhub.hub.link.lockstep import HubLink
 from brickhub.hub.link.profiles import PROFILES, usual_link
 from brickhub.hub.program import generate
+from brickhub.hub.program.run_program import load_program, run_program
 from brickhub.hub.transports import usb
 from brickhub.hub.transports.address import parse_hub
 from brickhub.hub.transports.profile import CommandError, PybricksCommand, parse_hub_kind
@@ -164,6 +166,19 @@ def test_a_program_is_sent_in_pieces_of_55_bytes_and_drives(line: Line) -> None:
     program_bytes = len(line.hub._ram[: line.hub.size])
     pieces = line.hub.commands.count(PybricksCommand.WRITE_USER_RAM)
     assert pieces == -(-program_bytes // (MAX_WRITE_BYTES - 5))
+
+
+def test_lines_of_pybricks_2_are_named_after_the_traceback_of_a_brick(
+    line: Line, tmp_path: Path
+) -> None:
+    path = tmp_path / "main.py"
+    path.write_text("from pybricks.tools import wait, DataLog\nwait(1)\n", encoding="utf-8")
+    program = load_program(path)
+    line.hub.files["main.py"] = program.source
+    errors = io.StringIO()
+    assert run_program(line.transport, program, stdout=io.BytesIO(), stderr=errors) == 1
+    assert "can't import name DataLog" in errors.getvalue()
+    assert errors.getvalue().endswith("line 1: DataLog: nothing here uses it; leave it out\n")
 
 
 def test_pulled_cable_stops_the_motors(line: Line) -> None:

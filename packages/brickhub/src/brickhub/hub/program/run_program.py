@@ -14,6 +14,7 @@ from typing import BinaryIO, TextIO
 
 from brickhub.errors import HubBusyError, ProgramError, ProgramStoppedError
 from brickhub.hub.program.compile import imported_modules
+from brickhub.hub.program.pybricks2 import outdated_note
 from brickhub.hub.program.syntax import parse
 from brickhub.hub.protocol import WRITE_BYTES
 from brickhub.hub.transport import MAIN_FILE, HubModule, HubProgram, Transport, as_typed
@@ -217,7 +218,11 @@ def run_program(
     # The transport raises this after the last output, however the program has ended.
     except ProgramStoppedError:
         if not is_late:
-            return transcript.end()
+            exit_code = transcript.end()
+            identity = getattr(transport, "identity", None)
+            if exit_code and identity is not None and identity.kind.model.ran_pybricks_2:
+                stderr.write(outdated_note(program))
+            return exit_code
         transcript.end(is_stopped_by_us=True)
         stderr.write(time_limit_note(time_limit_s or 0.0))
         return TIME_LIMIT_EXIT_CODE
