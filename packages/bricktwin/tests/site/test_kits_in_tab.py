@@ -13,8 +13,11 @@ from pathlib import Path
 import pytest
 
 from brickhub.errors import MediumUnavailableError
+from bricktwin.robots import CART
 from bricktwin.site.houses import kit_package
+from bricktwin.site.robots import write_robots
 from bricktwin.site.tab.run import is_for_kits
+from bricktwin.worlds import world
 
 SCRIPT = Path(__file__).with_name("kits_in_one_thread.py")
 
@@ -43,6 +46,14 @@ def test_without_the_package_the_command_says_so(monkeypatch: pytest.MonkeyPatch
     monkeypatch.setitem(sys.modules, "legoeducation", None)
     with pytest.raises(MediumUnavailableError, match="BUSL-1.1, permits non-commercial use"):
         kit_package()
+
+
+def test_the_cart_is_offered_what_it_can_be_put_into(tmp_path: Path) -> None:
+    """It has no ultrasonic sensor, by which robots are put before a wall."""
+    worlds = {name: world(name) for name in ("wall", "line-simple")}
+    (cart,) = write_robots(tmp_path, (CART,), worlds, {})
+    assert [one["name"] for one in cart["worlds"]] == ["open floor", "line-simple"]
+    assert cart["title"] == "Cart"
 
 
 def test_which_programs_are_for_kits() -> None:

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from brickhub.files import as_file_name
-from brickhub.robot import Robot
+from brickhub.robot import Robot, UltrasonicSensor
 from bricktwin.robots import ROBO_ARM, SCOUT, TWO_WHEELER, WALKER
 from bricktwin.site.robot_files import robot_file
 from bricktwin.site.storing import write_packed_json
@@ -57,6 +57,7 @@ def write_robots(
         elif robot.needs_imu:
             worlds.update({name: world(name) for name in _WITHOUT_WHEELS})
         worlds.update(further.get(robot.name, {}))
+        worlds = {name: scene for name, scene in worlds.items() if _can_be_in(robot, scene)}
         folder = f"robots/{as_file_name(robot.name)}"
         (site / folder).mkdir(parents=True)
         index.append(
@@ -70,6 +71,12 @@ def write_robots(
             }
         )
     return index
+
+
+def _can_be_in(robot: Robot, scene: Scene) -> bool:
+    """Whether a robot can be put into a scene: before a wall it is put by what its sensor sees."""
+    sees = any(isinstance(sensor, UltrasonicSensor) for sensor in robot.sensors)
+    return sees or scene.wall_distance_mm is None
 
 
 def _write_worlds(
