@@ -4,6 +4,7 @@ virtual devices in one thread."""
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 import zipfile
@@ -19,6 +20,7 @@ from bricktwin.site.robots import write_robots
 from bricktwin.site.tab.run import is_for_kits
 from bricktwin.worlds import world
 
+KITS = Path(__file__).parents[3] / "brickhub" / "tests" / "kits"
 SCRIPT = Path(__file__).with_name("kits_in_one_thread.py")
 
 
@@ -29,6 +31,7 @@ def test_programs_run_in_one_thread_and_drive_the_cart() -> None:
         capture_output=True,
         text=True,
         check=True,
+        env={**os.environ, "PYTHONPATH": str(KITS)},
     )
     ran = [json.loads(line) for line in done.stdout.splitlines()]
     assert len(ran) == 8

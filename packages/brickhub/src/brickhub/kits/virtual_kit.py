@@ -13,7 +13,7 @@ import math
 import threading
 from collections import deque
 from collections.abc import Callable, Iterable
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 
 from brickhub.errors import HubNotFoundError, HubTimeoutError
 from brickhub.futures import settle
@@ -24,7 +24,10 @@ from brickhub.kits.virtual_devices import KitDevice, devices_of
 from brickhub.virtual.body import Body, Rng
 from brickhub.virtual.faults import BreakingLink, FaultyBody
 from brickhub.virtual.machine import CONTROL_LOOP_MS, Machine, Pace
-from brickhub.virtual.virtual_transport import PLACEMENT_MS, Radio, VirtualHub
+from brickhub.virtual.radio import PLACEMENT_MS, Radio
+
+if TYPE_CHECKING:
+    from brickhub.virtual.virtual_transport import VirtualHub
 
 _T = TypeVar("_T")
 Delivery = tuple[Callable[[Any, bytes], Any], bytes]
@@ -379,7 +382,7 @@ class VirtualKit:
                 self.awake.wait(1.0)
 
 
-VirtualRobot = VirtualHub | VirtualKit
+VirtualRobot: TypeAlias = "VirtualHub | VirtualKit"
 
 
 def virtual_robot(
@@ -391,6 +394,9 @@ def virtual_robot(
 ) -> VirtualRobot:
     """The virtual hub, or the virtual devices of LEGO's kits, of a robot's body. ``link``: in place
     of the body's, with its random ``seed``."""
+    # In a browser's tab there are no greenlets, of which a hub is made here.
+    from brickhub.virtual.virtual_transport import VirtualHub
+
     make = VirtualHub if body.robot.hub.model.runs_programs else VirtualKit
     robot = make(
         body,

@@ -19,7 +19,8 @@ from torchrl.envs import EnvBase
 from brickhub.hub.link.lockstep import HubLink
 from brickhub.hub.link.robot_link import Reading
 from brickhub.seed import derive_seed
-from brickhub.virtual.virtual_transport import PLACEMENT_MS, VirtualHub
+from brickhub.virtual.radio import PLACEMENT_MS
+from brickhub.virtual.virtual_transport import VirtualHub
 from bricksrl.envs.arenas.arena_task import ArenaState, ArenaTask
 from bricksrl.envs.connection import Reconnect
 from bricksrl.envs.env_interface import BricksEnv
