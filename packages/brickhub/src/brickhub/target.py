@@ -78,8 +78,9 @@ def whole_interface(robot: Robot) -> Interface:
     if robot.needs_imu:
         channels += [Pitch(), Roll(), YawRate()]
     for sensor in robot.sensors:
-        if sensor.kind.model.range_mm:
-            channels.append(Distance(sensor.name))
+        range_mm = sensor.kind.model.range_mm
+        if range_mm is not None:
+            channels.append(Distance(sensor.name, 0.0, float(range_mm[1])))
             break
     return Interface(tuple(commands), tuple(channels), Wait(50))
 
