@@ -8,15 +8,17 @@ const PAINT = {
   none: "transparent", black: "#111", gray: "#8b8f96", white: "#fff", red: "#e3202b", orange: "#f68620", yellow: "#fbd102", green: "#12a14b",
   cyan: "#35b9e0", blue: "#1357b8", violet: "#7a3fb0", magenta: "#d5318f",
 };
-const PORTS = "ABCDEF";
+const PORTS = "ABCDEF1234";
 // Sliders of a sense: name, lowest, highest, step, at first, unit.
 const SLIDERS = {
   ambient: [["Light around it", 0, 100, 1, 0, "%"]],
   force: [["Force", 0, 10, 0.5, 0, "N"]],
   tilt: [["Pitch", -90, 90, 1, 0, "°"], ["Roll", -90, 90, 1, 0, "°"]],
   count: [["Counted", 0, 50, 1, 0, ""]],
+  rotation: [["Turned", -360, 360, 5, 0, "°"]],
+  beacon: [["Beacon", 0, 100, 1, 0, "%"], ["Direction", -75, 75, 3, 0, "°"]],
 };
-const DISTANCE = { UltrasonicSensor: ["Distance", 40, 2000, 10, 2000, "mm"], other: ["Distance", 0, 100, 1, 100, "%"] };
+const DISTANCE = { UltrasonicSensor: ["Distance", 40, 2000, 10, 2000, "mm"], Ev3UltrasonicSensor: ["Distance", 30, 2550, 10, 2550, "mm"], other: ["Distance", 0, 100, 1, 100, "%"] };
 
 export class Bench {
   // `devices`: devices.json. `onReading`: called with [port, sense, value].
@@ -27,8 +29,8 @@ export class Bench {
     this.readings = new Map();
     this.cards = new Map();
     this.told = {};
-    const classes = [...devices.motors, ...Object.keys(devices.sensors)].join("|");
-    this.pattern = new RegExp(`(?:(\\w+)\\s*=\\s*)?\\b(${classes})\\s*\\(\\s*(?:port\\s*=\\s*)?Port\\.([A-F])`, "g");
+    const classes = [...devices.motors, ...Object.keys(devices.sensors).map((kind) => kind.replace(/^Ev3/, ""))].join("|");
+    this.pattern = new RegExp(`(?:(\\w+)\\s*=\\s*)?\\b(${classes})\\s*\\(\\s*(?:port\\s*=\\s*)?Port\\.([A-F]|S[1-4])`, "g");
   }
 
   // All that has been set, for a run that begins.
@@ -40,7 +42,11 @@ export class Bench {
   take(source) {
     this.told = {};
     this.named = {};
-    for (const [, name, device, port] of source.replace(/#.*/g, "").matchAll(this.pattern)) this.named[port] ??= { device, name };
+    for (const [, name, device, port] of source.replace(/#.*/g, "").matchAll(this.pattern)) {
+      // The ports with a digit are those of an EV3, with sensors of their own.
+      const kind = port.length > 1 && this.devices.sensors[`Ev3${device}`] ? `Ev3${device}` : device;
+      this.named[port.at(-1)] ??= { device: kind, name };
+    }
     this.lay();
   }
 
