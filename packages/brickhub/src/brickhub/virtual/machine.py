@@ -30,6 +30,9 @@ CONTROL_LOOP_MS = 5
 # otherwise no simulated time would ever pass in a program that only polls.
 _FREE_CALLS = 200
 _CALLS_PER_MS = 100
+_DRAWINGS_PER_MS = 3
+"""Drawings on a screen in a millisecond; an estimate from the pixels of a line of text, at 300
+MHz."""
 _AFTER_LOOP_TICKS = 10
 """Ticks (0.1 ms) from a control loop until the program goes on."""
 
@@ -177,6 +180,7 @@ class Machine:
         # The calls of the program are counted since it last waited.
         self._calls = 0
         self._products = 0
+        self._drawings = 0
         # The body may be 1 ms ahead of the program, as after a stop in between; this tells whether
         # it is.
         self._is_ahead = False
@@ -355,6 +359,13 @@ class Machine:
         waits is free."""
         self._products += 1
         if self._products * self.robot.hub.model.product_us >= 1000:
+            self.advance(1)
+
+    def charge_drawing(self) -> None:
+        """Count a drawing on a screen; time passes by whole ms, after some of them."""
+        self._drawings += 1
+        if self._drawings >= _DRAWINGS_PER_MS:
+            self._drawings = 0
             self.advance(1)
 
     @property

@@ -266,6 +266,7 @@ class Screen(Image):
 
     def _shown(self) -> None:
         self._machine.panel.change(screen=bytes(self._raster.pixels))
+        self._machine.charge_drawing()
 
 
 Screen.__name__ = Screen.__qualname__ = "Image"
