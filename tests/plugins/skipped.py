@@ -45,6 +45,11 @@ LACKS = (
         "Chromium",
         "apt install chromium (elsewhere: .venv/bin/playwright install chromium)",
     ),
+    Lack(
+        "is not on this computer",
+        "Firefox or WebKitGTK",
+        "apt install firefox-esr webkit2gtk-driver xvfb",
+    ),
     Lack("could not import 'legoeducation", "LEGO's package for its kits", f"{_PIP} legoeducation"),
     Lack("could not import 'stable_baselines3", "Stable-Baselines3", f"{_PIP} stable_baselines3"),
     Lack(

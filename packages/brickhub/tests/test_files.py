@@ -247,3 +247,15 @@ def test_what_is_not_wrong_with_the_file_stays(error: Exception) -> None:
 def test_more_precise_refusal_stays() -> None:
     with pytest.raises(TwinError, match="too many rows"), parsing(TwinError("no log")):
         raise TwinError("too many rows")
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="pipes of POSIX")
+def test_what_is_no_file_is_written_to_and_not_replaced(tmp_path: Path) -> None:
+    """As root, /dev/null would become a file."""
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    reader = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)
+    write_durably(pipe, b"data")
+    assert os.read(reader, 10) == b"data" and pipe.is_fifo()
+    os.close(reader)
+    assert list(tmp_path.iterdir()) == [pipe]

@@ -200,6 +200,10 @@ def write_durably(path: Path, data: bytes) -> None:
     killed or the power fails. Raises WriteError if it cannot be written.
     """
     with writing(path):
+        # What is no file, such as /dev/null or a pipe, takes the data, and must stay what it is.
+        if path.exists() and not path.is_file() and not path.is_dir():
+            path.write_bytes(data)
+            return
         path.parent.mkdir(parents=True, exist_ok=True)
         temporary = temporary_beside(path)
         flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL

@@ -1,4 +1,4 @@
-"""What a hub shows and sounds, and its buttons: status light, display, loudspeaker."""
+"""Light, display, loudspeaker and buttons of a hub."""
 
 import itertools
 import re

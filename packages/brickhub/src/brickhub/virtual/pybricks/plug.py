@@ -1,4 +1,4 @@
-"""What is plugged into a port: its stimuli as the values that LEGO's devices send, and the modes in
+"""A device on a port: its stimuli as the values that LEGO's devices send, and the modes in
 which they send them.
 
 Raw colors are those from which the firmware computes what a program reads.

@@ -23,10 +23,10 @@ from brickhub.virtual.pybricks.arguments import (
     get_text,
     os_error,
 )
+from brickhub.virtual.pybricks.ble_radio import BLERadio
 from brickhub.virtual.pybricks.context import Context, Native, bind
 from brickhub.virtual.pybricks.parameters import Color, buttons
 from brickhub.virtual.pybricks.pupsensors import ColorLight
-from brickhub.virtual.pybricks.radio import BLERadio
 
 _MAX_NAME_BYTES = 14
 _SEARCH_MS = 500
