@@ -21,7 +21,8 @@ from brickhub.robot import (
     SensorKind,
     UltrasonicSensor,
 )
-from brickhub.virtual.pybricks import ev3sensors, pupsensors
+from brickhub.virtual.pybricks import pupsensors
+from brickhub.virtual.pybricks.ev3 import ev3sensors
 from brickhub.virtual.virtual_transport import VirtualHub
 from bricktwin.robots import TWO_WHEELER, WALKER
 from bricktwin.twin.make_body import make_body

@@ -15,10 +15,10 @@ from brickhub.virtual.micropython.numbers import math_module, module, random_mod
 from brickhub.virtual.micropython.streams import BytesIO, Console, IOBase, StringIO
 from brickhub.virtual.micropython.transform import COMPREHENSIONS
 from brickhub.virtual.pybricks.context import Context
-from brickhub.virtual.pybricks.ev3devices import ev3devices_modules
+from brickhub.virtual.pybricks.ev3.ev3devices import ev3devices_modules
+from brickhub.virtual.pybricks.ev3.image import image_names
 from brickhub.virtual.pybricks.experimental import experimental_module
 from brickhub.virtual.pybricks.hubs import hubs_module
-from brickhub.virtual.pybricks.image import image_names
 from brickhub.virtual.pybricks.iodevices import iodevices_module
 from brickhub.virtual.pybricks.parameters import enumeration, parameters_module
 from brickhub.virtual.pybricks.pupdevices import pupdevices_modules

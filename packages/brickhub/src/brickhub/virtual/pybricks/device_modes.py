@@ -11,7 +11,7 @@ import math
 from collections.abc import Iterable, Mapping
 
 from brickhub.robot import MotorKind, Sense, SensorKind
-from brickhub.virtual.pybricks.ev3_modes import EV3_MODES
+from brickhub.virtual.pybricks.ev3.ev3_modes import EV3_MODES
 from brickhub.virtual.pybricks.parameters import nearest
 from brickhub.virtual.pybricks.plug import MAX_FORCE_MN, DataType, DeviceMode, DeviceModes, Plug
 from brickhub.virtual.stimuli import Hsv, reflection_pct

@@ -9,10 +9,10 @@ from brickhub.robot import HubModel
 from brickhub.virtual.micropython.numbers import module
 from brickhub.virtual.pybricks.ble_radio import Radio
 from brickhub.virtual.pybricks.context import Context, bind
-from brickhub.virtual.pybricks.ev3brick import BrickBattery, BrickLight, BrickSpeaker
+from brickhub.virtual.pybricks.ev3.ev3brick import BrickBattery, BrickLight, BrickSpeaker
+from brickhub.virtual.pybricks.ev3.image import Screen
 from brickhub.virtual.pybricks.hub_panel import ColorLight, Keypad, LightMatrix, Speaker
 from brickhub.virtual.pybricks.hub_system import Battery, Charger, System
-from brickhub.virtual.pybricks.image import Screen
 from brickhub.virtual.pybricks.imu import IMU, Accelerometer
 from brickhub.virtual.pybricks.parameters import Axis
 

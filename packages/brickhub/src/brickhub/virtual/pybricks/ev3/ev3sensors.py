@@ -6,7 +6,7 @@ from brickhub.robot import Sense, SensorKind
 from brickhub.virtual import error_numbers
 from brickhub.virtual.micropython.containers import HubSet
 from brickhub.virtual.pybricks.arguments import expect, expect_type, get_int, os_error, truncated
-from brickhub.virtual.pybricks.ev3_modes import (
+from brickhub.virtual.pybricks.ev3.ev3_modes import (
     BEACON_DEG_PER_UNIT,
     BUTTONS_OF_CODE,
     CHANNELS,

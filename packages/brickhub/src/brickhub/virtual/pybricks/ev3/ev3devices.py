@@ -7,7 +7,7 @@ from brickhub.virtual import error_numbers
 from brickhub.virtual.micropython.numbers import module
 from brickhub.virtual.pybricks.arguments import os_error
 from brickhub.virtual.pybricks.context import Context, Native, bind, classes
-from brickhub.virtual.pybricks.ev3sensors import EV3_SENSORS
+from brickhub.virtual.pybricks.ev3.ev3sensors import EV3_SENSORS
 from brickhub.virtual.pybricks.pupdevices import Motor
 
 _NXT_SENSORS = (

@@ -1,0 +1,1 @@
+"""EV3 Brick: its devices, its screen, and their modes."""
