@@ -11,7 +11,7 @@ from brickhub.errors import UnknownNameError
 from brickhub.hub.link.profiles import IDEAL, PROFILES, LinkProfile, profile
 from brickhub.hub.link.timing import percentile
 from brickhub.pytest_plugin import PybricksHub
-from brickhub.virtual.radio import Radio
+from brickhub.virtual.link_radio import Radio
 
 EXCHANGES = 40_000
 EXPECTED_MS = {

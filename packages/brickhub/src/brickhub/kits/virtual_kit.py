@@ -23,8 +23,8 @@ from brickhub.kits.radio import KitPart, lego_package, parts
 from brickhub.kits.virtual_devices import KitDevice, devices_of
 from brickhub.virtual.body import Body, Rng
 from brickhub.virtual.faults import BreakingLink, FaultyBody
+from brickhub.virtual.link_radio import PLACEMENT_MS, Radio
 from brickhub.virtual.machine import CONTROL_LOOP_MS, Machine, Pace
-from brickhub.virtual.radio import PLACEMENT_MS, Radio
 
 if TYPE_CHECKING:
     from brickhub.virtual.virtual_transport import VirtualHub

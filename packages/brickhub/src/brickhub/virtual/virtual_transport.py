@@ -19,11 +19,11 @@ from brickhub.hub.program.run_program import describe_traceback
 from brickhub.hub.transport import HubProgram, Pipe, app_data_slot
 from brickhub.virtual import interpreter
 from brickhub.virtual.body import Body, Rng
+from brickhub.virtual.link_radio import PLACEMENT_MS, Radio
 from brickhub.virtual.machine import MAX_STEP_MS, Machine, Pace
 from brickhub.virtual.micropython.exceptions import HostStop, SwitchedOff, is_program_error
 from brickhub.virtual.micropython.text import format_traceback
 from brickhub.virtual.pybricks import modules
-from brickhub.virtual.radio import PLACEMENT_MS, Radio
 
 MAX_WRITE_BYTES = 20
 """Largest write over Bluetooth without a larger MTU."""

@@ -19,7 +19,7 @@ from torchrl.envs import EnvBase
 from brickhub.hub.link.lockstep import HubLink
 from brickhub.hub.link.robot_link import Reading
 from brickhub.seed import derive_seed
-from brickhub.virtual.radio import PLACEMENT_MS
+from brickhub.virtual.link_radio import PLACEMENT_MS
 from brickhub.virtual.virtual_transport import VirtualHub
 from bricksrl.envs.arenas.arena_task import ArenaState, ArenaTask
 from bricksrl.envs.connection import Reconnect
