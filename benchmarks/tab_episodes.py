@@ -11,13 +11,18 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from brickhub.virtual.interpreter import execute
-from brickhub.virtual.machine import Machine
-from brickhub.virtual.micropython.exceptions import HostStop
-from brickhub.virtual.pybricks import modules
-from bricktwin.site.tab.js_engine import JsEngine
-from bricktwin.site.tab.robot_file import body_of
-from bricktwin.twin.body import TwinBody
+from bricktwin.site.tab.mpy_cross import put_in_place
+
+# Before all that imports it; a worker gives these to a script.
+put_in_place(globals()["compile_in_tab"])
+
+from brickhub.virtual.interpreter import execute  # noqa: E402
+from brickhub.virtual.machine import Machine  # noqa: E402
+from brickhub.virtual.micropython.exceptions import HostStop  # noqa: E402
+from brickhub.virtual.pybricks import modules  # noqa: E402
+from bricktwin.site.tab.js_engine import JsEngine  # noqa: E402
+from bricktwin.site.tab.robot_file import body_of  # noqa: E402
+from bricktwin.twin.body import TwinBody  # noqa: E402
 
 
 class Over(HostStop):
@@ -69,7 +74,6 @@ def main(path: str) -> None:
     asked = json.loads(Path(path).read_text(encoding="utf-8"))
     text = Path(asked["file"]).read_text(encoding="utf-8")
     source = Path(asked["program"]).read_text(encoding="utf-8")
-    # What the worker gives to a script.
     engine = JsEngine(globals()["start_engine"](text))
     for start, on_ms in zip(asked["starts"], asked["on_ms"], strict=True):
         body = body_of(json.loads(text), engine, seed=start)

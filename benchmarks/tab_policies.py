@@ -28,7 +28,6 @@ from typing import TYPE_CHECKING, Any
 
 import brickhub
 import bricktwin
-from benchmarks import tab_episodes
 from benchmarks.machine import ONE_THREAD
 from benchmarks.session import Session
 from benchmarks.tab_physics import IN_NODE, ROOT, T_95
@@ -42,6 +41,7 @@ from bricktwin.twin.standing import Pose
 if TYPE_CHECKING:
     from bricksrl.envs.task import Task
 
+PLAY = ROOT / "benchmarks" / "tab_episodes.py"
 PROGRAMS = ROOT / "docs" / "hub_programs"
 LEARNED = {
     "RunAway-v0": "RunAway-v0",
@@ -86,9 +86,8 @@ class Tab:
         unpack_packages(folder)
         houses = [str(Path(str(house.__file__)).parents[1]) for house in (brickhub, bricktwin)]
         places = [str(folder / "node_modules"), *houses, str(folder)]
-        script = str(Path(tab_episodes.__file__))
         # Folders are mounted in their order.
-        self._command = [node(), str(IN_NODE), *places, "--", script, "/folder_2/asked.json"]
+        self._command = [node(), str(IN_NODE), *places, "--", str(PLAY), "/folder_2/asked.json"]
 
     def played(
         self,
