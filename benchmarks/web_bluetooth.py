@@ -42,6 +42,7 @@ from bricktwin.robots import WALKER
 from bricktwin.site.build import build_site
 from bricktwin.site.tab.hub_lessons import HUB_LESSONS
 from bricktwin.twin.make_body import make_body
+from bricktwin.twin.objects import Wall
 from bricktwin.twin.scene import Scene
 
 if TYPE_CHECKING:
@@ -52,7 +53,8 @@ TESTS = [
     str(ROOT / "packages" / tests)
     for tests in ("bricktwin/tests/site", "bricktwin/tests", "brickhub/tests", "brickhub/tests/hub")
 ]
-WALL_MM = 1300.0
+ROOM = Scene(objects=(Wall((1400.0, -2000.0), (1400.0, 2000.0), height_mm=800.0),))
+"""A wall as of a room: over a low one the sensor looks, when the Walker stands on its toes."""
 GOAL_MM_S = 60.0
 LONGEST_SEARCH_S = 240.0
 HANG_S = 120.0
@@ -249,7 +251,7 @@ class _Files(http.server.SimpleHTTPRequestHandler):
 async def measured(address: str, searches: int, faults: int, seed: int) -> dict[str, Any]:
     """Results of searches, and of faults."""
     emulated = importlib.import_module("emulated_hub")
-    body = make_body(WALKER, scene=Scene(wall_distance_mm=(WALL_MM, WALL_MM)))
+    body = make_body(WALKER, scene=ROOM)
     hub = emulated.EmulatedHub(WALKER, body)
     lesson = HUB_LESSONS["walk"](WALKER).lesson
     structure = lesson.structure

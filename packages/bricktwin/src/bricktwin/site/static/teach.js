@@ -11,7 +11,7 @@ const AIMS = {
 };
 
 const ON_HUB = {
-  walk: "The real robot walks up to a wall, which it measures by its ultrasonic sensor: put it 1.3 m before one. Now and then you put it back.",
+  walk: "The real robot walks up to a wall, which it measures by its ultrasonic sensor: put it 1.3 m before one that is higher than itself. Now and then you put it back.",
   stop: "The real robot measures the wall by its ultrasonic sensor: put it 60 cm before one. It drives back by itself.",
 };
 
