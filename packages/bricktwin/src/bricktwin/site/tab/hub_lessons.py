@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 from brickhub.errors import DescriptionError
 from brickhub.hub.interface import Distance, Heading, Interface
+from brickhub.hub.trial_protocol import MOST_STEPS
 from brickhub.robot import Robot, UltrasonicSensor
 from bricktwin.site.tab.lessons import Lesson, Record, stop_before_wall, walk
 
@@ -16,6 +17,8 @@ _WALK_NEAREST_MM = 350.0
 """A trial of legs takes less than 250 mm; the sensor sees nothing nearer than 40 mm."""
 _WALK_FARTHEST_MM = 1700.0
 _WALK_WANTED_MM = 1300.0
+_POSTURE_STEPS = 2
+_POSTURE_SPEED = 0.4
 _TURNED_DEG = 35.0
 """Turn of a robot after which it no longer looks at the wall."""
 _STOP_WANTED_MM = 600.0
@@ -34,6 +37,8 @@ class Place:
         heading: index of the heading, if it matters.
         way_back: numbers ``[p]`` by which the robot drives there by itself; none for one that
             cannot.
+        another_posture: numbers by which a robot that sees nothing turns its legs a little: at rest
+            on its toes it may look over or under everything.
     """
 
     nearest_mm: float
@@ -42,8 +47,16 @@ class Place:
     distance: int
     heading: int | None = None
     way_back: tuple[float, ...] | None = None
+    another_posture: tuple[float, ...] | None = None
 
-    def is_there(self, observed: tuple[float, ...], first_heading_deg: float | None) -> bool:
+    def way_from(self, observed: Sequence[float]) -> tuple[tuple[float, ...], int] | None:
+        """Numbers and steps by which the robot may get here by itself, if it can."""
+        is_blind = observed[self.distance] >= _NO_ECHO_MM
+        if self.another_posture is not None and is_blind:
+            return self.another_posture, _POSTURE_STEPS
+        return None if self.way_back is None else (self.way_back, MOST_STEPS)
+
+    def is_there(self, observed: Sequence[float], first_heading_deg: float | None) -> bool:
         """Whether a robot that observes this may begin. ``first_heading_deg``: its heading when it
         was put here last."""
         is_turned = False
@@ -74,6 +87,8 @@ def walk_to_wall(robot: Robot) -> HubLesson:
         channels.append(Heading())
     interface = Interface(lesson.interface.commands, tuple(channels), lesson.interface.settle)
 
+    middles = [(entry.low + entry.high) / 2 for entry in lesson.structure.numbers[1:]]
+
     def speed(record: Record) -> float:
         return approach_speed([observed[distance] for observed in record.observed], lesson)
 
@@ -86,6 +101,7 @@ def walk_to_wall(robot: Robot) -> HubLesson:
             _WALK_WANTED_MM,
             distance,
             heading,
+            another_posture=(_POSTURE_SPEED, *middles),
         ),
     )
 

@@ -142,18 +142,26 @@ class HubTeaching:
         observed = self._link.read().values
         if self._first_heading_deg is None:
             self._begin_here(observed)
+        if not self._arrives(observed):
+            self._wait_for_person()
+
+    def _arrives(self, observed: Sequence[float]) -> bool:
+        """Whether the robot is where a trial may begin, or gets there by itself."""
         for _ in range(_MOST_WAYS_BACK):
             if self._place.is_there(observed, self._first_heading_deg):
-                return
-            if self._place.way_back is None:
-                break
-            self._link.make_trial(self._place.way_back, self._lesson.steps)
+                return True
+            way = self._place.way_from(observed)
+            if way is None:
+                return False
+            numbers, steps = way
+            self._link.make_trial(numbers, min(steps, self._lesson.steps))
             observed = self._link.read().values
-        self._wait_for_person(observed)
+        return self._place.is_there(observed, self._first_heading_deg)
 
-    def _wait_for_person(self, observed: Sequence[float]) -> None:
+    def _wait_for_person(self) -> None:
         """Ask a person to put the robot back, and wait. Raises HubError if nobody does."""
         self._has_gone_on = False
+        observed = self._link.read().values
         end_s = self._link.now_s() + _LONGEST_PAUSE_S
         while self._link.now_s() < end_s:
             distance_mm = observed[self._place.distance]
@@ -168,7 +176,7 @@ class HubTeaching:
             observed = self._link.read().values
             if self._has_gone_on:
                 self._begin_here(observed)
-                if self._place.is_there(observed, self._first_heading_deg):
+                if self._arrives(observed):
                     return
                 self._has_gone_on = False
         raise HubError("nobody has put the robot back; do so, and go on")
