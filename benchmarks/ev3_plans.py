@@ -144,8 +144,8 @@ def look(path: Path) -> dict[str, Any] | None:
                 found["lacks"].append(str(error).replace(str(copy), "the plan"))
                 continue
             if dropped:
-                lines = ", ".join(map(str, sorted(dropped)))
-                found["lacks"].append(f"lines {lines}: motors that drive what another one drives")
+                named = ", ".join(map(str, sorted(dropped)))
+                found["lacks"].append(f"lines {named}: motors that drive what another one drives")
             found["lacks"] += no_twin(plan, driven)
             return {**found, "left_out": sorted(dropped), "driven": driven}
     return {**found, "lacks": list(dict.fromkeys(found["lacks"])), "driven": None}
