@@ -7,7 +7,7 @@ import time
 from collections import Counter
 
 import pytest
-from plan_lines import BEAM, PLANS, ROBOTS, findings_of, pin
+from plan_lines import BEAM, PLANS, ROBOTS, findings_of, pin, plan_of
 from plan_mutants import mutant
 
 from bricktwin.plans import ldraw_file
@@ -189,3 +189,18 @@ def test_missing_part_is_mostly_found(robot):
 def test_only_ball_of_arm_is_red() -> None:
     # The camera task finds the ball by its colour.
     assert all(placed.colour != 4 for placed in read_plan(PLANS / "robo_arm.ldr").parts)
+
+
+BRICK = "1 15 0 0 0 1 0 0 0 1 0 0 0 1 95646.dat"
+
+
+@pytest.mark.parametrize(
+    ("port", "motor", "said"),
+    [
+        ("1", "95658", "does not fit port 1 of EV3 brick with battery (95646); choose one of A, B"),
+        ("A", "54696p02", "does not fit port A of EV3 brick with battery (95646); take one of the"),
+    ],
+)
+def test_a_plug_that_does_not_fit_its_port(port, motor, said):
+    lines = (BRICK, f"0 !BRICKSRL PORT {port} left", f"1 15 0 300 0 1 0 0 0 1 0 0 0 1 {motor}.dat")
+    assert any(said in str(one) for one in findings_of(plan_of(*lines)))
