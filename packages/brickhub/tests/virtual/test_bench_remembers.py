@@ -39,10 +39,16 @@ def test_motors_stand_where_they_are_put(tmp_path: Path) -> None:
     assert run(tmp_path, ANGLES, starts=starts) == "90 -40\n-45 0\n"
 
 
-def test_motor_without_absolute_sensor_counts_from_zero(tmp_path: Path) -> None:
+def test_motor_without_absolute_sensor_counts_from_zero(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
     devices = dict(map(parse_device, ("A=interactive", "B=spike-large")))
     starts = {"A": 90.0, "B": 90.0}
     assert run(tmp_path, ANGLES, starts=starts, devices=devices).splitlines()[0] == "0 30"
+    path = tmp_path / "main.py"
+    words = ("--port", "A=interactive", "--start", "A=90")
+    assert main(("run", str(path), *words)) == 0
+    assert "The motor on port A does not know its angle" in capfd.readouterr().err
 
 
 @pytest.mark.parametrize("text", ["A", "A=", "A=x", "A=180", "A=-181", "A=nan", "Z9=5", "=5"])
@@ -68,10 +74,13 @@ def test_storage_lasts_and_the_hub_has_its_name(tmp_path: Path) -> None:
     # A program that fails has stored what it has stored.
     run(tmp_path, COUNTER + "raise ValueError\n", storage=kept)
     assert kept.read_bytes()[0] == 4
-    kept.write_bytes(bytes(513))
-    with pytest.raises(TwinError, match="has 513 bytes, and the hub stores 512"):
-        run(tmp_path, COUNTER, storage=kept)
-    assert len(kept.read_bytes()) == 513, "another file is not written over"
+    for other in (bytes(513), b"print(1)\n"):
+        kept.write_bytes(other)
+        with pytest.raises(TwinError, match="and this hub stores 512: another file, or another"):
+            run(tmp_path, COUNTER, storage=kept)
+        assert kept.read_bytes() == other, "another file is not written over"
+    kept.write_bytes(b"")
+    assert run(tmp_path, COUNTER, storage=kept).endswith(" 0\n")
 
 
 def test_command(tmp_path: Path, capfdbinary: pytest.CaptureFixture[bytes]) -> None:

@@ -7,6 +7,10 @@ from __future__ import annotations
 
 import io
 import random
+import signal
+import subprocess
+import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -207,7 +211,7 @@ def test_command(tmp_path: Path, capfdbinary: pytest.CaptureFixture[bytes]) -> N
     assert said.out == b"main 1: 1\nmain 2: 2\n" and b"main 2: ValueError" in said.err
     for option, says in (
         (("--press", "left@1s"), b"several hubs have no --press"),
-        (("--robot", words[0]), b"several hubs have no --robot"),
+        (("--robot", words[0]), b"robots that share a world need bodies: use bricktwin run"),
     ):
         assert main(("run", *words, *option)) == 2
         assert says in capfdbinary.readouterr().err
@@ -216,3 +220,35 @@ def test_command(tmp_path: Path, capfdbinary: pytest.CaptureFixture[bytes]) -> N
 def test_an_empty_room_is_refused() -> None:
     with pytest.raises(TwinError, match="there is no program for this room"):
         Room([], stdout=io.BytesIO(), stderr=io.StringIO())
+
+
+def test_what_ends_the_room_is_no_error_of_a_program(tmp_path: Path) -> None:
+    """Nor of another hub's, which has let time pass when it happened."""
+
+    class Full(io.BytesIO):
+        def write(self, data: object, /) -> int:
+            raise OSError(28, "No space left on device")
+
+    path, err = tmp_path / "a.py", io.StringIO()
+    path.write_text("from pybricks.tools import wait\nwait(100)\nprint(1)\nwait(9999)\n")
+    programs = [HubProgramFile(path), HubProgramFile(path)]
+    with pytest.raises(OSError, match="No space left"):
+        Room(programs, stdout=Full(), stderr=err).run()
+    assert err.getvalue() == ""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
+def test_signals_end_all_programs_past_their_handlers(tmp_path: Path, name: str) -> None:
+    path = tmp_path / "a.py"
+    path.write_text(
+        "while True:\n    try:\n        pass\n    except BaseException:\n        pass\n"
+    )
+    for count in (1, 2):
+        command = [sys.executable, "-m", "brickhub", "run", *[str(path)] * count]
+        process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+        time.sleep(1.5)
+        process.send_signal(getattr(signal, name))
+        err = process.communicate(timeout=20)[1]
+        assert process.returncode == 130 and "Traceback" not in err, err
+        assert err.startswith("interrupted: "), err

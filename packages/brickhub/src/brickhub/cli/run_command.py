@@ -53,12 +53,13 @@ class Run:
     file: Annotated[Positional[Path], option(metavar="FILE")]
     """Pybricks program."""
     others: Annotated[Positional[tuple[Path, ...]], option(metavar="FILE")] = ()
-    """More programs, each on a hub of its own in the same room, where hubs hear one another."""
+    """More programs, if there are any: each on a hub of its own in the same room, where hubs hear
+    one another. They have no standard input."""
     robot: Annotated[
         UseAppendAction[tuple[str, ...]], option(metavar="ROBOT"), Existing(check_there)
     ] = ()
     """Virtual robot: my_robot.py, or a name that bricktwin or bricksrl adds, such as walker or
-    RunAway-v0. With several programs once for each, in their order."""
+    RunAway-v0."""
     hub: Annotated[str, option(metavar="HUB")] = "virtual"
     """Which hub: virtual, in simulated time, or ble, ble:NAME, ble:ADDRESS, usb, usb:PORT."""
     time_limit_s: Annotated[float | None, option(metavar="SECONDS")] = None
@@ -163,6 +164,10 @@ class Run:
         from brickhub.virtual.run import Operation
 
         for name in changed_options(self):
+            if name == "--robot" and name not in self.of_a_room:
+                raise DescriptionError(
+                    "robots that share a world need bodies: use bricktwin run; or omit --robot"
+                )
             if name not in self.of_a_room:
                 raise DescriptionError(f"several hubs have no {name}; run one program, or omit it")
         paths = (self.file, *self.others)
@@ -204,7 +209,7 @@ class Run:
         they need. Raises DescriptionError for a robot, as nothing here has a body."""
         if self.robot:
             raise DescriptionError(
-                "robots that share a world need their bodies; install bricktwin, or omit --robot"
+                "robots that share a world need bodies: use bricktwin run; or omit --robot"
             )
         return [None] * (1 + len(self.others))
 

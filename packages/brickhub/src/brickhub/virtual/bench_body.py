@@ -362,6 +362,11 @@ class FittedBench(BenchBody):
             low, high = stops_deg
             stops_mdeg = (low * 1000.0, high * 1000.0)
         start_mdeg = 1000.0 * self._starts.get(port, 0.0)
+        if start_mdeg and not kind.model.is_absolute:
+            self._tell(
+                f"The motor on port {port} does not know its angle: a program counts from 0, "
+                "wherever it stands."
+            )
         self._motors[port] = BenchMotor(step_of(kind), stops_mdeg, start_mdeg)
 
     def _add_sensor(

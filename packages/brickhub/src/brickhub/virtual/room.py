@@ -19,6 +19,7 @@ from brickhub.errors import TwinError
 from brickhub.virtual.air import Air
 from brickhub.virtual.body import Body
 from brickhub.virtual.machine import CONTROL_LOOP_MS, Machine
+from brickhub.virtual.micropython.exceptions import HostStop
 from brickhub.virtual.run import Operation, run_file
 
 DISTANCE_M = 0.5
@@ -98,6 +99,7 @@ class Room:
             # First every program comes to its first line.
             for hub in self._hubs:
                 hub.resume()
+            self._raise_failure()
             antennas = [machine.antenna for _, machine in sorted(self.machines.items())]
             air = Air(antennas, self._distance_m, self._seed)
             for time_ms in itertools.count(CONTROL_LOOP_MS, CONTROL_LOOP_MS):
@@ -105,11 +107,18 @@ class Room:
                     break
                 for number in range(len(self._hubs)):
                     self.run_until(number, time_ms)
+                self._raise_failure()
                 air.carry(time_ms)
         finally:
             for hub in self._hubs:
                 hub.end()
         return [hub.code or 0 for hub in self._hubs]
+
+    def _raise_failure(self) -> None:
+        """Raise what has ended a hub's program and is not the program's own error."""
+        for hub in self._hubs:
+            if hub.failure is not None:
+                raise hub.failure
 
     def run_until(self, number: int, time_ms: int) -> None:
         """Run a hub up to a simulated time (ms), or to the end of its program. Does nothing for a
@@ -140,6 +149,10 @@ class Room:
         return replace(operation, attend=attend)
 
 
+class _RoomEnded(HostStop):
+    """The other hubs have ended for a reason of this computer's, and so does this one."""
+
+
 class _Hub:
     """A program in a greenlet."""
 
@@ -156,7 +169,7 @@ class _Hub:
         self._time_limit_s = time_limit_s
         self._greenlet = greenlet(self._run)
         self._caller: Any = None
-        self._failure: BaseException | None = None
+        self.failure: BaseException | None = None
         self.code: int | None = None
         self.is_running = False
         self.limit_ms: int | None = None
@@ -173,7 +186,7 @@ class _Hub:
                 operation=self._program.operation,
             )
         except BaseException as error:  # noqa: BLE001  raised where the room waits
-            self._failure = error
+            self.failure = error
             self.code = 1
         finally:
             for stream in (self._stdout, self._stderr):
@@ -181,7 +194,8 @@ class _Hub:
                     stream.end()
 
     def resume(self) -> None:
-        """Run on, until the hub pauses or its program has ended. Raises what ended it."""
+        """Run on, until the hub pauses or its program has ended. What ended it is kept: the caller
+        may be another hub, whose program it does not concern."""
         self._caller = getcurrent()
         # Where it ends, too: another hub may have asked it to run.
         self._greenlet.parent = self._caller
@@ -190,10 +204,6 @@ class _Hub:
             self._greenlet.switch()
         finally:
             self.is_running = False
-        if self._failure is not None:
-            failure = self._failure
-            self._failure = None
-            raise failure
 
     def leave(self) -> None:
         """Go back to whom has asked this hub to run."""
@@ -216,8 +226,7 @@ class _Hub:
         """End a program that still runs, as Ctrl-C does: its motors stop."""
         if self.code is None and self._greenlet:
             self._greenlet.parent = getcurrent()
-            self._greenlet.throw()
-            self._failure = None
+            self._greenlet.throw(_RoomEnded)
 
 
 class _Marked:

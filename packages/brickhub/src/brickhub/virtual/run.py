@@ -286,11 +286,13 @@ def _restore(machine: Machine, path: Path) -> None:
     with reading("the storage", path, TwinError, "name another file, or leave out --storage"):
         stored = path.read_bytes()
     size = len(machine.storage)
-    if len(stored) > size:
+    # Whatever has another length is another file of the user's, which would be written over.
+    if stored and len(stored) != size:
         raise TwinError(
-            f"{path} has {len(stored)} bytes, and the hub stores {size}; name another file"
+            f"{path} has {len(stored)} bytes, and this hub stores {size}: another file, or another "
+            "hub's; name another one"
         )
-    machine.storage[: len(stored)] = stored
+    machine.storage[:] = stored or bytes(size)
 
 
 def _run(
@@ -413,9 +415,9 @@ class _Interrupted(HostStop):
 
 @contextmanager
 def interruptible() -> Iterator[None]:
-    """Context in which Ctrl-C ends a program past its handlers, to which a KeyboardInterrupt is an
-    ordinary error; that is raised at the end of the context. No effect in other threads than the
-    main one, which get no signals."""
+    """Context in which Ctrl-C, and what else raises KeyboardInterrupt here, as SIGTERM does in a
+    command, ends a program past its handlers, to which that is an ordinary error; it is raised at
+    the end of the context. No effect in other threads than the main one, which get no signals."""
     # Elsewhere Python refuses to set a handler.
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -424,10 +426,18 @@ def interruptible() -> Iterator[None]:
     def interrupt(_signum: int, _frame: FrameType | None) -> None:
         raise _Interrupted
 
-    previous_handler = signal.signal(signal.SIGINT, interrupt)
+    numbers = {
+        number
+        for number in signal.valid_signals()
+        if signal.getsignal(number) is signal.default_int_handler
+    }
+    previous_handlers = {
+        number: signal.signal(number, interrupt) for number in {signal.SIGINT, *numbers}
+    }
     try:
         yield
     except _Interrupted:
         raise KeyboardInterrupt from None
     finally:
-        signal.signal(signal.SIGINT, previous_handler)
+        for number, handler in previous_handlers.items():
+            signal.signal(number, handler)

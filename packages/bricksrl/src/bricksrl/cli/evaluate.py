@@ -80,7 +80,8 @@ class Evaluate(SavesNothing):
     """Physics of the virtual robot: a JSON file such as `bricksrl twin fit` writes; by default as
     in training."""
     link: Annotated[str | None, option(metavar="LINK")] = None
-    """Bluetooth link of the virtual robot: mac, linux or bad-room; by default as in training."""
+    """Link of the virtual robot: Bluetooth as mac, linux or bad-room, or usb, usb-quick or
+    usb-slow; by default as in training."""
     fault: Faults = ()
     best: Flag = False
     """Use the checkpoint of the best evaluation during training instead of the last one."""

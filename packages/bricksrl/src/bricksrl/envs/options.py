@@ -76,8 +76,8 @@ class EnvOptions(TransformOptions):
     """Physics of the virtual robot: a JSON file such as `bricksrl twin fit` writes; by default
     charged, on a smooth floor."""
     link: Annotated[str | None, option(metavar="LINK"), NotCode()] = None
-    """Bluetooth link of the virtual robot: mac, linux or bad-room, in place of that of the physics,
-    which is linux by default."""
+    """Link of the virtual robot: Bluetooth as mac, linux or bad-room, or usb, usb-quick or
+    usb-slow, in place of that of the physics, which is linux by default."""
     fault: Faults = ()
     options: Annotated[
         dict[str, Any],

@@ -15,6 +15,7 @@ from tyro.conf import UseAppendAction
 
 from brickhub.cli import run_command as run
 from brickhub.cli.terminal import print_note
+from brickhub.errors import DescriptionError
 from brickhub.options import Existing, option
 from brickhub.user_files import check_there
 
@@ -116,11 +117,18 @@ class Run(run.Run):
         """The world that several robots share: they stand side by side, and look ahead."""
         import numpy as np
 
+        from brickhub.robot import BENCH
         from bricktwin.twin.arena import Arena, ArenaWorld, Contestant, Place
 
         contestants = []
         for number, name in enumerate(self.robot):
-            robot = self.target(name).robot
+            target = self.target(name)
+            robot = target.robot
+            if robot is BENCH:
+                raise DescriptionError(
+                    "a bench has no body to share a world with robots; name robots alone, or omit "
+                    "--robot"
+                )
             y_m = number * _APART_M
             place = Place(y_m=(y_m, y_m))
             contestants.append(Contestant(f"robot{number + 1}", robot, place))

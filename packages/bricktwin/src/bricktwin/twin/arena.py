@@ -176,8 +176,8 @@ def _add_robot(
     joints: list[mujoco.MjsJoint] = [] if chassis is None else chassis.joints
     if not joints or joints[0].type != mujoco.mjtJoint.mjJNT_FREE:
         raise TwinError(
-            f"robot '{contestant.robot.name}' stands on a fixed base; an arena is for robots "
-            "that move about"
+            f"robot '{contestant.robot.name}' stands on a fixed base; only robots that move about "
+            "share a world"
         )
     # Robots collide with one another and with their surroundings: bit 0 is that of what collides
     # with all, and each robot has a bit to which the others answer.

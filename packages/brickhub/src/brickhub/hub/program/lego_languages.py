@@ -275,7 +275,8 @@ def language_of(program: HubProgram) -> Language | None:
     own = {module.name for module in program.modules}
     imported = set(_imported(tree))
     roots = {name.partition(".")[0] for name in imported}
-    if "pybricks" in roots:
+    # Who catches a failed import is prepared for Pybricks.
+    if "pybricks" in roots or _catches_import_errors(tree):
         return None
     for language in LANGUAGES:
         known = [name for name in language.modules if name.partition(".")[0] not in own]
@@ -302,6 +303,14 @@ def other_lines(program: HubProgram, language: Language) -> list[tuple[int, str,
     tree = parse(program.source)
     found = {(line, what): instead for line, what, instead in _uses(tree, language)}
     return [(line, what, found[line, what]) for line, what in sorted(found)]
+
+
+def _catches_import_errors(tree: ast.AST) -> bool:
+    """Whether an import stands in a ``try``."""
+    tries = [node for node in ast.walk(tree) if isinstance(node, ast.Try)]
+    return any(
+        isinstance(inner, ast.Import | ast.ImportFrom) for node in tries for inner in node.body
+    )
 
 
 def _imported(tree: ast.AST) -> Iterator[str]:
