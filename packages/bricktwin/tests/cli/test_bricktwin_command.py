@@ -100,7 +100,7 @@ def test_robot_in_a_users_file_has_a_body(bricktwin, program: Path, tmp_path: Pa
         (
             ("--robot", "dog"),
             (
-                "there is no robot 'dog'; choose two-wheeler, scout, cart, walker, "
+                "there is no robot 'dog'; choose two-wheeler, scout, cart, ev3-driver, walker, "
                 "robo-arm, bench, "
                 "or name a file"
             ),
