@@ -74,8 +74,9 @@ def main(path: str) -> None:
     asked = json.loads(Path(path).read_text(encoding="utf-8"))
     text = Path(asked["file"]).read_text(encoding="utf-8")
     source = Path(asked["program"]).read_text(encoding="utf-8")
-    engine = JsEngine(globals()["start_engine"](text))
     for start, on_ms in zip(asked["starts"], asked["on_ms"], strict=True):
+        # A body stands on an engine of its own, as in each run of the tab.
+        engine = JsEngine(globals()["start_engine"](text))
         body = body_of(json.loads(text), engine, seed=start)
         machine = Machine(body)
         machine.advance(on_ms)
@@ -86,6 +87,7 @@ def main(path: str) -> None:
             pass
         finally:
             machine.stop_motors()
+        engine.end()
         sys.stdout.write(json.dumps({"start": start, "lines": console.lines}) + "\n")
 
 

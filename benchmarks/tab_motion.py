@@ -125,8 +125,9 @@ def main(path: str) -> None:
         sys.stdout.write(json.dumps({**about, **ran}) + "\n")
     for name, file in asked["files"].items():
         text = Path(file).read_text(encoding="utf-8")
-        engine = engine_of(text)
         for start in asked["starts"]:
+            # A body stands on an engine of its own, as in each run of the tab.
+            engine = engine_of(text)
             body = body_of(json.loads(text), engine, seed=start)
             first = body.pose()
             started_s = cpu_s()
@@ -145,8 +146,8 @@ def main(path: str) -> None:
                 "turned_deg": last.heading_deg - first.heading_deg,
             }
             sys.stdout.write(json.dumps({**about, **moved}) + "\n")
-        if hasattr(engine, "end"):
-            engine.end()
+            if hasattr(engine, "end"):
+                engine.end()
 
 
 if __name__ == "__main__":
