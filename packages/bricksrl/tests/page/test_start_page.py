@@ -201,7 +201,8 @@ def test_each_environment_has_a_picture(tmp_path: Path) -> None:
     for card in page.board.status[1]["cards"]:
         kind, data = page.file(f"{card['env']}.jpg")
         assert kind == "image/jpeg" and 3_000 < len(data) < 60_000
-    assert set(page.board.status[1]["plans"]) == {"two-wheeler", "walker", "robo-arm"}
+    plans = set(page.board.status[1]["plans"])
+    assert plans == {"two-wheeler", "ev3-driver", "walker", "robo-arm"}
     assert page.file("../start.py") is None and page.file("") == page.file("start.html")
     page.close()
 

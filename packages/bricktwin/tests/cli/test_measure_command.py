@@ -72,7 +72,7 @@ def short(world: World, monkeypatch: pytest.MonkeyPatch) -> World:
     for name in ("_REST_S", "_TURNED_S", "_LIFTED_S", "_WALL_S", "_HELD_S"):
         monkeypatch.setattr(session, name, 0.5)
     monkeypatch.setattr(session, "HubLink", link)
-    monkeypatch.setattr(HubAddress, "transport", lambda self: world.transport())
+    monkeypatch.setattr(HubAddress, "transport", lambda self, *_: world.transport())
     return world
 
 

@@ -22,7 +22,7 @@ def test_motion_log_over_bluetooth(
 ) -> None:
     interface = whole_interface(TWO_WHEELER)
     world.link(interface)
-    monkeypatch.setattr(HubAddress, "transport", lambda self: world.transport())
+    monkeypatch.setattr(HubAddress, "transport", lambda self, *_: world.transport())
     path = tmp_path / "robot.jsonl"
     assert (
         main(

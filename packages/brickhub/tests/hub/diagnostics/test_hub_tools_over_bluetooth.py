@@ -80,7 +80,7 @@ def test_any_program_can_be_stopped(world: World, monkeypatch: pytest.MonkeyPatc
     left.start(HubProgram(other, 1))
     world.hub.wait_until("is_driven", True)
     monkeypatch.setattr(
-        HubAddress, "transport", lambda self: world.transport(name=None, address=self.which)
+        HubAddress, "transport", lambda self, *_: world.transport(name=None, address=self.which)
     )
     start_s = time.monotonic()
     assert main(("stop", "--hub", f"ble:{world.hub.address}")) == 0
@@ -96,7 +96,7 @@ def test_unreachable_hub_needs_button(
     world: World, monkeypatch: pytest.MonkeyPatch, capsys
 ) -> None:
     monkeypatch.setattr(
-        HubAddress, "transport", lambda self: world.transport(name="Rover", timeout_s=0.5)
+        HubAddress, "transport", lambda self, *_: world.transport(name="Rover", timeout_s=0.5)
     )
     assert main(("stop", "--hub", "ble:Rover")) == 2
     assert "hears only its button" in capsys.readouterr().err
@@ -105,7 +105,7 @@ def test_unreachable_hub_needs_button(
 def test_calibration_is_stored_by_address(
     world: World, monkeypatch: pytest.MonkeyPatch, capsys, tmp_path
 ) -> None:
-    monkeypatch.setattr(HubAddress, "transport", lambda self: world.transport())
+    monkeypatch.setattr(HubAddress, "transport", lambda self, *_: world.transport())
     assert (
         main(
             (
