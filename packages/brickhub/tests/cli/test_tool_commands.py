@@ -18,8 +18,8 @@ from described import ROBO_ARM, TWO_WHEELER
 from brickhub import target
 from brickhub.cli import main
 from brickhub.hub.program.generate import generate
-from brickhub.kits import virtual_kit
 from brickhub.target import Target, whole_interface
+from brickhub.virtual import virtual_transport
 
 CAR, LEGS, ARM = (f"{described.__file__}:{name}" for name in ("TWO_WHEELER", "WALKER", "ROBO_ARM"))
 
@@ -120,7 +120,7 @@ def test_user_is_asked_after_each_move(capfd, monkeypatch, answer: str, code: in
     assert ("--hub virtual --reverse left`" in written.out) == (code == 1)
 
 
-class Unplugged(virtual_kit.VirtualHub):
+class Unplugged(virtual_transport.VirtualHub):
     """A robot whose right motor is in the wrong port."""
 
     def __init__(self, *args, **options) -> None:
@@ -133,7 +133,7 @@ class Unplugged(virtual_kit.VirtualHub):
 
 
 def test_failed_check_gives_remedy(told, monkeypatch) -> None:
-    monkeypatch.setattr(virtual_kit, "VirtualHub", Unplugged)
+    monkeypatch.setattr(virtual_transport, "VirtualHub", Unplugged)
     code, out = told("check", CAR, "--hub", "virtual", "--yes", "--json")
     found = json.loads(out)
     assert code == 1 and (found["ok"], found["env"], found["hub"]) == (

@@ -107,7 +107,7 @@ def run_in_tab(
             path = FOLDER / request["name"]
             time_limit_s = request.get("time_limit_s")
             operation = Operation(attend=attend)
-            if is_for_kits(request["files"][request["name"]]):
+            if is_for_kits(request["files"].get(request["name"], "")):
                 with redirect_stdout(_Text(output)):
                     code = _run_kit(path, body, errors, time_limit_s, operation)
             else:
