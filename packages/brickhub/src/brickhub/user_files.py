@@ -5,6 +5,7 @@ import contextlib
 import importlib
 import importlib.util
 import os
+import re
 import sys
 import sysconfig
 import traceback
@@ -195,6 +196,14 @@ def _objects_of(module: ModuleType, kind: type) -> dict[str, Any]:
     return dict(found.values())
 
 
+def _has_star_import(module: ModuleType) -> bool:
+    """Whether a module imports all names of another one."""
+    if not module.__file__:
+        return False
+    text = Path(module.__file__).read_text(encoding="utf-8", errors="replace")
+    return re.search(r"^from\s+\S+\s+import\s+\*", text, re.MULTILINE) is not None
+
+
 def _is_ours(name: str, value: object) -> bool:
     """Whether a module of ours has this very object by this name."""
     ours = [
@@ -370,11 +379,12 @@ def _only(
     missing: str,
 ) -> Any:
     """The only object of a type in a module. Raises UnknownNameError for none or several."""
-    # An object does not record which module defines it, so imported ones count too, but ours do not
-    # beside the user's: `from brickhub.robot import *` brings a bench that nobody asked for.
+    # An object does not record which module defines it, so imported ones count too.
     objects = _objects_of(module, type_)
-    own = {name: value for name, value in objects.items() if not _is_ours(name, value)}
-    objects = own or objects
+    # But `from brickhub.robot import *` brings a bench that nobody asked for.
+    if _has_star_import(module):
+        own = {name: value for name, value in objects.items() if not _is_ours(name, value)}
+        objects = own or objects
     named = [name for name in objects if name.isidentifier()]
     # Objects with names go before those in a list, such as the robots of a whole class.
     names = named or list(objects)

@@ -246,9 +246,12 @@ def test_signals_end_all_programs_past_their_handlers(tmp_path: Path, name: str)
     )
     for count in (1, 2):
         command = [sys.executable, "-m", "brickhub", "run", *[str(path)] * count]
-        process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
-        time.sleep(1.5)
-        process.send_signal(getattr(signal, name))
-        err = process.communicate(timeout=20)[1]
+        with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
+            try:
+                time.sleep(1.5)
+                process.send_signal(getattr(signal, name))
+                err = process.communicate(timeout=20)[1]
+            finally:
+                process.kill()
         assert process.returncode == 130 and "Traceback" not in err, err
         assert err.startswith("interrupted: "), err
