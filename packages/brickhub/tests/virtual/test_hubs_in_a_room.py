@@ -211,7 +211,11 @@ def test_command(tmp_path: Path, capfdbinary: pytest.CaptureFixture[bytes]) -> N
     assert said.out == b"main 1: 1\nmain 2: 2\n" and b"main 2: ValueError" in said.err
     for option, says in (
         (("--press", "left@1s"), b"several hubs have no --press"),
-        (("--robot", words[0]), b"robots that share a world need bodies: use bricktwin run"),
+        (("--robot", words[0]), b"there are 2 programs and 1 robots"),
+        (
+            ("--robot", words[0], "--robot", words[1]),
+            b"robots that share a world need bodies: use bricktwin run",
+        ),
     ):
         assert main(("run", *words, *option)) == 2
         assert says in capfdbinary.readouterr().err
@@ -238,18 +242,26 @@ def test_what_ends_the_room_is_no_error_of_a_program(tmp_path: Path) -> None:
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
-@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM"])
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
 def test_signals_end_all_programs_past_their_handlers(tmp_path: Path, name: str) -> None:
     path = tmp_path / "a.py"
     path.write_text(
-        "while True:\n    try:\n        pass\n    except BaseException:\n        pass\n"
+        "from pybricks.tools import wait\nwhile True:\n    try:\n        wait(100)\n"
+        "    except BaseException:\n        pass\n"
     )
+    # Whoever started these tests by `nohup` lets them ignore SIGHUP, and so what they start.
+    heeding = (
+        "import os, signal, sys\nsignal.signal(int(sys.argv[1]), signal.SIG_DFL)\n"
+        "os.execv(sys.executable, [sys.executable, *sys.argv[2:]])\n"
+    )
+    number = getattr(signal, name)
     for count in (1, 2):
-        command = [sys.executable, "-m", "brickhub", "run", *[str(path)] * count]
+        words = ["-m", "brickhub", "run", *[str(path)] * count, "--realtime"]
+        command = [sys.executable, "-c", heeding, str(int(number)), *words]
         with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
             try:
                 time.sleep(1.5)
-                process.send_signal(getattr(signal, name))
+                process.send_signal(number)
                 err = process.communicate(timeout=20)[1]
             finally:
                 process.kill()

@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, BinaryIO, ClassVar, TextIO, cast
+from typing import TYPE_CHECKING, Annotated, BinaryIO, TextIO, cast
 
 from tyro.conf import Positional, UseAppendAction
 
@@ -25,6 +25,10 @@ if TYPE_CHECKING:
     from brickhub.virtual.panel import Panel
     from brickhub.virtual.room import Room
     from brickhub.virtual.run import Operation
+
+
+_OF_A_ROOM = ("--file", "--others", "--robot", "--time-limit-s", "--realtime", "--firmware")
+"""Options that several programs have together."""
 
 
 @dataclass(frozen=True)
@@ -164,11 +168,7 @@ class Run:
         from brickhub.virtual.run import Operation
 
         for name in changed_options(self):
-            if name == "--robot" and name not in self.of_a_room:
-                raise DescriptionError(
-                    "robots that share a world need bodies: use bricktwin run; or omit --robot"
-                )
-            if name not in self.of_a_room:
+            if name not in _OF_A_ROOM:
                 raise DescriptionError(f"several hubs have no {name}; run one program, or omit it")
         paths = (self.file, *self.others)
         if self.robot and len(self.robot) != len(paths):
@@ -194,15 +194,6 @@ class Run:
             self.settle_in(room)
             codes = room.run()
         return next((code for code in codes if code), 0)
-
-    of_a_room: ClassVar[tuple[str, ...]] = (
-        "--file",
-        "--others",
-        "--time-limit-s",
-        "--realtime",
-        "--firmware",
-    )
-    """Options that several programs have together."""
 
     def bodies(self, stack: ExitStack) -> Sequence[Body | None]:
         """Bodies of the robots of several programs; ``None`` for a bench. ``stack`` closes what

@@ -38,13 +38,16 @@ def export_csv(path: Path, out: Path) -> None:
     read = EpisodeReader(dataset, images=False).read
     header = _header(dataset)
     if out.suffix.lower() == ".csv":
-        lines = (line for row in dataset.rows for line in _lines(read(row), row, dataset))
-        write_durably(out, _text([header, *lines]))
+        lines: list[Sequence[Cell]] = [header]
+        for row in dataset.rows:
+            lines += _lines(read(row), row, dataset)
+        write_durably(out, _text(lines))
         return
     with atomic_folder(out) as folder:
         for row in dataset.rows:
-            text = _text([header, *_lines(read(row), row, dataset)])
-            (folder / f"episode-{row.episode:03}.csv").write_bytes(text)
+            lines = [header, *_lines(read(row), row, dataset)]
+            path_of_episode = folder / f"episode-{row.episode:03}.csv"
+            path_of_episode.write_bytes(_text(lines))
 
 
 def _header(dataset: Dataset) -> list[str]:
@@ -57,19 +60,35 @@ def _header(dataset: Dataset) -> list[str]:
 def _lines(episode: Episode, row: EpisodeRow, dataset: Dataset) -> Iterator[list[Cell]]:
     """Rows of an episode, the one after its last step included."""
     columns = episode.columns
+    rate_hz = dataset.description.rate_hz
     observed = _rows_of(columns[OBSERVATION])  # [steps, n]
-    observed_last = _rows_of(columns[NEXT])[-1]
     acted = _rows_of(columns[ACTION])  # [steps, m]
     after = np.stack([columns[name] for name in _AFTER], axis=1)  # [steps, 4]
-    clock_s = columns[_CLOCK]
-    rate_hz = dataset.description.rate_hz
     for step in range(row.length):
-        numbers = [step / rate_hz, *observed[step], *acted[step], *after[step]]
-        texts = [_text_of(number) for number in numbers]
-        yield [row.episode, step, *texts, _text_of(clock_s[step], 10)]
-    numbers = [row.length / rate_hz, *observed_last]
-    empty = [""] * (acted.shape[1] + len(_AFTER) + 1)
-    yield [row.episode, row.length, *(_text_of(number) for number in numbers), *empty]
+        yield [
+            row.episode,
+            step,
+            _text_of(step / rate_hz),
+            *_texts_of(observed[step]),
+            *_texts_of(acted[step]),
+            *_texts_of(after[step]),
+            # A clock has more digits than a float32.
+            _text_of(columns[_CLOCK][step], 10),
+        ]
+    observed_last = _rows_of(columns[NEXT])[-1]
+    # Nothing was done there, and nothing followed.
+    columns_left = acted.shape[1] + len(_STEP_NAMES)
+    yield [
+        row.episode,
+        row.length,
+        _text_of(row.length / rate_hz),
+        *_texts_of(observed_last),
+        *[""] * columns_left,
+    ]
+
+
+def _texts_of(numbers: Iterable[float]) -> list[str]:
+    return [_text_of(number) for number in numbers]
 
 
 def _rows_of(values: NDArray[np.float32]) -> NDArray[np.float32]:

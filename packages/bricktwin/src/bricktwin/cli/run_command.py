@@ -9,7 +9,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import cached_property, partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, ClassVar
+from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import UseAppendAction
 
@@ -90,13 +90,10 @@ class Run(run.Run):
             )
         return body
 
-    of_a_room: ClassVar[tuple[str, ...]] = (*run.Run.of_a_room, "--robot")
-
     def bodies(self, stack: ExitStack) -> Sequence[Body | None]:
         if not self.robot:
             return super().bodies(stack)
-        world = self._world
-        return world.bodies
+        return self._world.bodies
 
     def distance_m(self, one: int, other: int) -> float:
         if not self.robot:
