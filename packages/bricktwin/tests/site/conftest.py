@@ -120,5 +120,6 @@ def page(address: str, browser: Browser) -> Iterator[Page]:
     context.close()
     assert not errors
     # What the worker has unpacked are addresses within the browser.
-    outside = {url for url in asked if not url.startswith((address, "blob:"))}
+    origin = "/".join(address.split("/")[:3])
+    outside = {url for url in asked if not url.startswith((address, f"blob:{origin}/"))}
     assert outside <= {"about:blank"}
