@@ -106,6 +106,12 @@ def _is_harmless(text: str, alternative: object) -> bool:
     return is_choice and text in typing.get_args(alternative)
 
 
+PLAN_ENDINGS = (".ldr", ".mpd", ".io")
+"""Endings of building plans, which are no code: what is named in one is a thing that its robot can
+learn."""
+_FILE_ENDINGS = (".py", *PLAN_ENDINGS)
+
+
 def is_reference(env_id: str) -> bool:
     """True if this refers to the user's code rather than to a registered name: only such a text can
     be loaded."""
@@ -116,7 +122,7 @@ def with_absolute_file(reference: str) -> str:
     """A reference with the absolute path of its file, without ``..``, for use in any folder; names
     and modules as they are."""
     location, name = _parts(reference)
-    if not location.endswith(".py"):
+    if not _is_file(location):
         return reference
     path = os.path.abspath(location)  # noqa: PTH100  Path.resolve follows links
     return f"{path}:{name}" if name else path
@@ -126,7 +132,7 @@ def without_folder(reference: str) -> str:
     """A reference with only the name of its file, for display and for other computers; names and
     modules as they are."""
     location, _ = _parts(reference)
-    return Path(reference).name if location.endswith(".py") else reference
+    return Path(reference).name if _is_file(location) else reference
 
 
 def without_name(reference: str) -> str:
@@ -235,9 +241,14 @@ def _parts(reference: str) -> tuple[str, str]:
     """File or module, and the name in it, which may be empty."""
     location, colon, name = reference.rpartition(":")
     # The colon in `C:\robots\mine.py` belongs to a drive of Windows.
-    if not colon or name.endswith(".py"):
+    if not colon or _is_file(name):
         return reference, ""
     return location, name
+
+
+def _is_file(location: str) -> bool:
+    """Whether this is a file, and no module."""
+    return location.lower().endswith(_FILE_ENDINGS)
 
 
 def check_there(reference: str) -> None:
@@ -249,13 +260,14 @@ def check_there(reference: str) -> None:
         )
     location, _ = _parts(reference)
     path = Path(location)
-    if not location.endswith(".py") or path.is_file():
+    if not _is_file(location) or path.is_file():
         return
+    kind = "Python file" if location.lower().endswith(".py") else "plan"
     if path.is_absolute():
         raise UnknownNameError(
-            f"there is no file {location}; put it there, or give the path of another Python file"
+            f"there is no file {location}; put it there, or give the path of another {kind}"
         )
-    remedy = "give the path of a Python file, or go to the right folder"
+    remedy = f"give the path of a {kind}, or go to the right folder"
     raise UnknownNameError(f"there is no file {location} in {Path.cwd()}; {remedy}")
 
 

@@ -11,7 +11,8 @@ from brickhub.robot import Direction, DriveBase, HubKind, Motor, Robot
 from brickhub.robot.spec import with_end_stops
 from brickhub.virtual.run import run_file
 from bricktwin import robots
-from bricktwin.robots.planned import read_facts, robot_of_plan
+from bricktwin.robots.plan_facts import read_facts
+from bricktwin.robots.planned import robot_of_plan
 from bricktwin.twin.make_body import make_body
 from bricktwin.twin.scene import Scene
 

@@ -6,7 +6,7 @@ import queue
 import select
 import sys
 import threading
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import TextIO
 
 from brickhub.finding import Finding, Outcome
@@ -103,6 +103,27 @@ def ask(question: str, *, default: bool | None = None) -> bool | None:
             return default
         fault = f"'{answer[:20]}' is neither y nor n; " if answer else ""
         print_note(f"{fault}type y for yes, n for no")
+
+
+def choose(
+    question: str,
+    choices: Sequence[str],
+    default: str,
+) -> str:
+    """Ask for one of some names on standard error, and again after an answer that is none of them;
+    the default for Enter, at the end of the input, and where nothing can be asked."""
+    if not is_terminal():
+        return default
+    while True:
+        sys.stderr.write(f"{question} [{'/'.join(choices)}, Enter is {default}] ")
+        sys.stderr.flush()
+        line = _answer()
+        answer = (line or "").strip().lower()
+        if not answer:
+            return default
+        if answer in choices:
+            return answer
+        print_note(f"'{answer[:20]}' is none of them; type one of {', '.join(choices)}")
 
 
 def _answer() -> str | None:

@@ -29,6 +29,7 @@ Examples:
     {
         "list": "bricksrl.cli.envs:List",
         "train": "bricksrl.cli.train:Train",
+        "learn": "bricksrl.cli.learn_command:Learn",
         "train-offline": "bricksrl.cli.train:TrainOffline",
         "team": "bricksrl.cli.team_command:TrainTeam",
         "resume": "bricksrl.cli.train:Resume",

@@ -36,7 +36,7 @@ from bricksrl.cli.terminal import (
 )
 from bricksrl.data.dataset import existing_dataset
 from bricksrl.envs.options import EnvOptions, TransformOptions
-from bricksrl.envs.registry import get_task, training_episodes
+from bricksrl.envs.registry import get_task, training_agent, training_episodes
 from bricksrl.errors import DescriptionError, RunError, StoppedError, counted
 from bricksrl.evaluation.settings_text import SETTINGS_REMEDY, read_settings, with_changes
 from bricksrl.page.server import PageOptions
@@ -95,7 +95,7 @@ class Train:
     module:TASK."""
     agent: Annotated[str | None, option(metavar="NAME"), Existing(check_there)] = None
     """Agent; `bricksrl list` shows them. An algorithm of your own: my_agent.py[:NAME]. Default:
-    sac, or the agent of --from."""
+    sac, of a plan what suits what it learns, or the agent of --from."""
     episodes: Annotated[int | None, Range(1), option(metavar="N")] = None
     """Episodes to train for; the default depends on the environment."""
     seed: Seed = 0
@@ -227,7 +227,7 @@ class Train:
         source = None if start is None else RunFolder(start).read_config()
         agent = self.agent
         if agent is None:
-            agent = "sac" if source is None else source.agent
+            agent = training_agent(env) if source is None else source.agent
         # The same agent goes on with the settings that it was trained with.
         if source is not None and self.preset is None and source.agent == agent:
             settings = source.settings

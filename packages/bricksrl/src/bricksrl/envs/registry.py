@@ -16,7 +16,7 @@ from typing import Any
 from brickhub.fields import check_call, check_value
 from brickhub.files import quoted
 from brickhub.robot import Robot
-from brickhub.user_files import beside, is_reference, load_object, objects_in
+from brickhub.user_files import beside, is_reference, load_object, objects_in, without_name
 from bricksrl.envs.arenas import ARENAS
 from bricksrl.envs.base_env import BaseEnv
 from bricksrl.envs.options import TRANSFORMS, EnvOptions
@@ -38,7 +38,7 @@ from bricksrl.errors import (
     hint,
 )
 from bricktwin.robots import CART, EV3_DRIVER
-from bricktwin.robots.planned import completed
+from bricktwin.robots.planned import completed, is_plan
 
 
 @dataclass(frozen=True)
@@ -50,12 +50,14 @@ class Registration:
         kinematics: parameters of its kinematic simulation; ``None`` where a robot, real or virtual,
             runs the task.
         episodes: default length of a training run: the paper's budget, where it has one.
+        agent: default agent of a training run.
         note: difference from other environments of the same task.
     """
 
     build: Callable[..., Task]
     kinematics: Kinematics | None = None
     episodes: int = 40
+    agent: str = "sac"
     note: str = ""
 
 
@@ -141,6 +143,12 @@ def training_episodes(env_id: str) -> int:
     """Default number of training episodes of an environment. Raises UnknownNameError if there is no
     environment of that name."""
     return registration(env_id).episodes
+
+
+def training_agent(env_id: str) -> str:
+    """Default agent of an environment. Raises UnknownNameError if there is no environment of that
+    name."""
+    return registration(env_id).agent
 
 
 def list_envs() -> dict[str, str]:
@@ -239,6 +247,8 @@ def registration(env_id: str) -> Registration:
     """Registration of an id, or one that is made of a user's task. Raises UnknownNameError if there
     is no such environment."""
     check_value("env_id", env_id, str)
+    if is_plan(without_name(env_id)):
+        return _of_plan(env_id)
     if is_reference(env_id):
         return Registration(_user_builder(env_id))
     try:
@@ -256,6 +266,20 @@ def registration(env_id: str) -> Registration:
             f"{', '.join(known)}"
         )
         raise UnknownNameError(message) from None
+
+
+def _of_plan(reference: str) -> Registration:
+    """Registration of what a plan's robot can learn, ``rover.ldr:walk``. Raises UnknownNameError if
+    there is nothing of that name."""
+    # Reading plans imports NumPy and more, which only plans need.
+    from bricksrl.envs.abilities.of_plans import ability_of, task_of_plan
+
+    ability = ability_of(reference)
+    return Registration(
+        lambda: task_of_plan(reference),
+        episodes=ability.episodes,
+        agent=ability.agent,
+    )
 
 
 def _user_builder(reference: str) -> Callable[..., Task]:

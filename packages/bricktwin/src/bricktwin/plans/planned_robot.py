@@ -12,21 +12,28 @@ from brickhub.errors import PlanError
 from bricktwin.plans.bodies import find_bodies
 from bricktwin.plans.building import Occupancy
 from bricktwin.plans.connections import connections, meshes
+from bricktwin.plans.facing import turned_ahead
 from bricktwin.plans.geometry import M_PER_LDU, rotation
 from bricktwin.plans.ldraw_text import sources_of, unread
 from bricktwin.plans.mechanism.articulation import Articulation, Drive, articulation
 from bricktwin.plans.mechanism.kinematics import TO_TWIN, Train, Wheel, mechanism, trains
 from bricktwin.plans.part import DeviceKind
 from bricktwin.plans.plan import Placed, Plan, read_plan
+from bricktwin.plans.wiring import wired
 
 
 @dataclass(frozen=True, eq=False)
 class PlannedRobot:
-    """A plan, its gear trains and its articulation."""
+    """A plan, its gear trains and its articulation.
+
+    Attributes:
+        is_wired: whether the plan says the ports of its motors and sensors itself.
+    """
 
     plan: Plan
     trains: tuple[Train, ...]
     articulation: Articulation
+    is_wired: bool = True
 
     def device(self, port: str) -> Placed:
         """The motor or sensor on a port of the plan."""
@@ -58,7 +65,11 @@ def planned_robot(path: Path) -> PlannedRobot:
 @functools.lru_cache(maxsize=16)
 def _planned(path: Path, _sources: tuple[bytes, ...]) -> PlannedRobot:
     # The sources are part of the key, because a file may change while a program runs.
-    return planned(read_plan(path))
+    plan = read_plan(path)
+    with_ports = wired(plan)
+    # Who writes ports has read how our plans are drawn; all others may face anywhere.
+    is_wired = with_ports is plan
+    return replace(planned(plan if is_wired else turned_ahead(with_ports)), is_wired=is_wired)
 
 
 def planned(plan: Plan) -> PlannedRobot:

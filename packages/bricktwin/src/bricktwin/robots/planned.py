@@ -1,14 +1,12 @@
-"""Facts of building plans, kept between processes: they complete the descriptions of robots, and
-both must agree."""
+"""Robots of building plans: a plan completes the description of a robot, and both must agree."""
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from importlib import resources
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from brickhub.errors import DescriptionError, PlanError, UnknownNameError
 from brickhub.finding import Finding, Outcome
@@ -23,14 +21,13 @@ from brickhub.robot import (
     Sensor,
     SensorKind,
 )
-from brickhub.robot.spec import LOOKS, sensor_of
+from brickhub.robot.spec import sensor_of
+from brickhub.user_files import PLAN_ENDINGS
 from bricktwin import robots
-from bricktwin.kept import kept
-from bricktwin.plans.ldraw_text import sources_of
+from bricktwin.robots.plan_facts import DeviceFacts, PlanFacts, facts_of, read_facts
 
 if TYPE_CHECKING:
-    from bricktwin.plans.plan import Placed, Plan
-    from bricktwin.plans.planned_robot import PlannedRobot
+    from bricktwin.plans.plan import Plan
 
 _WHEEL_TOLERANCE_MM = 0.5
 """Largest difference of a wheel's diameter, mm."""
@@ -38,146 +35,14 @@ _TRACK_TOLERANCE_MM = 2.0
 """Largest difference of the distance between the wheels, mm."""
 _RATIO_TOLERANCE = 0.01
 """Largest difference of a gear ratio, as a share of it."""
-_ALIGNED_COSINE = 0.999
-"""Cosine of the largest angle, 2.6 degrees, at which a side of the hub looks along an axis."""
 _Mistake = tuple[int, str, str]
 """A mistake: its line in the plan's file (0 for the whole plan), its name, and what is wrong and
 what to do."""
 
 
-class DeviceFacts(NamedTuple):
-    """A hub, motor or sensor.
-
-    Attributes:
-        name: as in ``bricktwin.robots``.
-        part: name of the part.
-        line: of the plan.
-        port, label: of the plan; "" and ``None`` for a hub, and ``None`` for a device without a
-            name.
-        sides: of a hub, the directions of its top and its front; fewer if it is at an angle.
-        stops_deg: of a motor, the angles of its shaft at which what it drives meets something;
-            empty if the plan says none.
-        gears, ratio: of a motor, as in ``kinematics.Train``; none and 0 if it drives nothing.
-        wheel_mm, wheel_left_m, is_forward: of a motor that turns a wheel: the wheel's diameter, 0
-            for none, its position to the left, and whether clockwise rolls forwards.
-    """
-
-    name: str
-    part: str
-    line: int
-    port: str
-    label: str | None
-    sides: tuple[str, ...]
-    stops_deg: tuple[float, ...]
-    gears: tuple[int, ...]
-    ratio: float
-    wheel_mm: float = 0.0
-    wheel_left_m: float = 0.0
-    is_forward: bool = True
-
-
-class PlanFacts(NamedTuple):
-    """Devices of a plan."""
-
-    hubs: Sequence[DeviceFacts]
-    motors: Sequence[DeviceFacts]
-    sensors: Sequence[DeviceFacts]
-
-    @property
-    def hub_sides(self) -> tuple[str, ...]:
-        """Directions of the top and the front of the hub; empty if there is none, or it is at an
-        angle."""
-        return self.hubs[0].sides if self.hubs else ()
-
-
-def read_facts(path: Path) -> PlanFacts:
-    """Facts of a plan file. Raises PlanError if the file is no plan, a motor has no port, or
-    something has no twin."""
-
-    def made() -> PlanFacts:
-        # This is imported only where it is needed, because that takes longer than reading facts
-        # that were kept.
-        from bricktwin.plans.planned_robot import planned_robot
-
-        return facts_of(planned_robot(path))
-
-    return kept(
-        lambda: (b"facts", *sources_of(path)),
-        made,
-        lambda facts: json.dumps(facts).encode(),
-        _decoded,
-    )
-
-
-def facts_of(design: PlannedRobot) -> PlanFacts:
-    """Facts of the robot of a plan."""
-    from bricktwin.plans.mechanism.kinematics import TO_TWIN
-    from bricktwin.plans.part import DeviceKind
-
-    trains = {train.port: train for train in design.trains}
-    wheels: dict[str, tuple[float, float, bool]] = {}
-    for drive, wheel in design.rolling:
-        left_m = float(wheel.centre_m[1])
-        # Turning about +y, which points to the left, rolls forwards.
-        is_forward = float(drive.joint.axis[1]) * drive.gear > 0
-        wheels[drive.port] = (wheel.diameter_mm, left_m, is_forward)
-
-    def facts(placed: Placed) -> DeviceFacts:
-        # In the frame of the part the top is -y, because a plan's y points down, and the front is
-        # z.
-        top = TO_TWIN @ placed.rotation @ (0.0, -1.0, 0.0)
-        front = TO_TWIN @ placed.rotation @ (0.0, 0.0, 1.0)
-        sides: list[str] = []
-        for axis in (top, front):
-            sides += [name for name, look in LOOKS.items() if axis @ look > _ALIGNED_COSINE]
-        port = placed.port or ""
-        train = trains.get(port)
-        gears: tuple[int, ...] = ()
-        ratio = 0.0
-        if train is not None:
-            gears = train.gears
-            ratio = train.ratio
-        name = placed.electric.name
-        part = placed.name
-        stops_deg = placed.stops_deg or ()
-        driven = (gears, ratio, *wheels.get(port, ()))
-        return DeviceFacts(
-            name,
-            part,
-            placed.line,
-            port,
-            placed.device,
-            tuple(sides),
-            stops_deg,
-            *driven,
-        )
-
-    hubs, motors, sensors = (
-        [facts(placed) for placed in design.plan.devices(kind)]
-        for kind in (DeviceKind.HUB, DeviceKind.MOTOR, DeviceKind.SENSOR)
-    )
-    return PlanFacts(hubs, motors, sensors)
-
-
-def _decoded(data: bytes) -> PlanFacts:
-    """Facts that were kept."""
-    hubs, motors, sensors = ([_device(row) for row in rows] for rows in json.loads(data))
-    return PlanFacts(hubs, motors, sensors)
-
-
-def _device(row: Sequence[Any]) -> DeviceFacts:
-    facts = DeviceFacts(*row)
-    # JSON has only lists. With tuples, facts that were kept equal those that were just made.
-    return facts._replace(
-        sides=tuple(facts.sides),
-        stops_deg=tuple(facts.stops_deg),
-        gears=tuple(facts.gears),
-    )
-
-
 def is_plan(file: str) -> bool:
     """Whether a file's name is one of a building plan."""
-    return file.lower().endswith((".ldr", ".mpd", ".io"))
+    return file.lower().endswith(PLAN_ENDINGS)
 
 
 def plan_file(model: str) -> Path | None:

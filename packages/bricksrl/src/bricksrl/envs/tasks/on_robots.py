@@ -1,15 +1,26 @@
 """Tasks of one driving robot on another one."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import Annotated
+from typing import Annotated, TypeVar
 
 from brickhub.errors import hint
-from brickhub.hub.interface import Channel, Distance, Heading, Interface, Pitch, Roll, YawRate
+from brickhub.hub.interface import (
+    Channel,
+    Command,
+    Distance,
+    Heading,
+    Interface,
+    Pitch,
+    Roll,
+    YawRate,
+)
 from brickhub.robot import Robot, Sense
 from brickhub.user_files import NotCode
 from bricksrl.envs.task import Task
 from bricksrl.errors import DescriptionError
+
+_Part = TypeVar("_Part", Channel, Command)
 
 
 def on_robot(
@@ -29,7 +40,7 @@ def on_robot(
     if name == task.robot.name:
         return task
     robot = known[name]
-    return replace(task, robot=robot, interface=_interface_on(task.interface, robot))
+    return replace(task, robot=robot, interface=interface_on(task.interface, robot))
 
 
 def with_robots(task: Task, *others: Robot) -> Callable[..., Task]:
@@ -42,26 +53,50 @@ def with_robots(task: Task, *others: Robot) -> Callable[..., Task]:
     return build
 
 
-def _interface_on(interface: Interface, robot: Robot) -> Interface:
-    """What a robot can report of an interface: without an IMU no tilt, and turns only by a
-    gyroscope on a port."""
+def interface_on(
+    interface: Interface,
+    robot: Robot,
+    names: Mapping[str, str] | None = None,
+) -> Interface:
+    """What a robot can do and report of an interface: without a hub whose IMU can be read no tilt,
+    and turns only by a gyroscope on a port; without either no turns.
+
+    Args:
+        names: names of the robot's motors and sensors, by those of the interface, where they
+            differ.
+    """
+    names = names or {}
+    commands = tuple(_renamed(command, names) for command in interface.commands)
     channels: list[Channel] = []
     for channel in interface.channels:
+        channel = _renamed(channel, names)
         match channel:
-            case Pitch() | Roll() if not robot.hub.model.has_imu:
+            case Pitch() | Roll() if not robot.needs_imu:
                 continue
-            case YawRate() | Heading() if not robot.hub.model.has_imu:
-                channels.append(replace(channel, sensor=_gyroscope(robot)))
+            case YawRate() | Heading() if not robot.needs_imu:
+                gyroscope = gyroscope_of(robot)
+                if gyroscope:
+                    channels.append(replace(channel, sensor=gyroscope))
             case Distance():
                 range_mm = robot.sensor(channel.sensor).kind.model.range_mm
                 farthest_mm = float(max(range_mm or (0,)))
                 channels.append(replace(channel, high=farthest_mm))
             case _:
                 channels.append(channel)
-    return replace(interface, channels=tuple(channels))
+    return replace(interface, commands=commands, channels=tuple(channels))
 
 
-def _gyroscope(robot: Robot) -> str:
+def _renamed(part: _Part, names: Mapping[str, str]) -> _Part:
+    """A command or channel whose motor or sensor has the robot's name."""
+    changed = {}
+    for field in ("motor", "sensor"):
+        name = getattr(part, field, None)
+        if name in names:
+            changed[field] = names[name]
+    return replace(part, **changed) if changed else part
+
+
+def gyroscope_of(robot: Robot) -> str:
     """Name of a robot's gyroscope on a port; empty if it has none."""
     for sensor in robot.sensors:
         if Sense.ROTATION in sensor.kind.model.senses:

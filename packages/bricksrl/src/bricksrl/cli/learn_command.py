@@ -1,0 +1,157 @@
+"""``bricksrl learn``: from the drawing of a robot to what it has learned."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from tyro.conf import Positional
+
+from brickhub.cli.terminal import choose, print_line, print_note
+from brickhub.fields import Range
+from brickhub.files import quoted
+from brickhub.options import Existing, Flag, Seed, option
+from brickhub.user_files import check_there
+from bricksrl.cli.page import LivePageGroup, PageFlag
+from bricksrl.cli.terminal import telling
+from bricksrl.cli.train import FilmFlag, Train, run_folder
+from bricksrl.errors import BricksError, DescriptionError, counted
+from bricksrl.page.server import PageOptions
+from bricktwin.robots.planned import is_plan
+
+if TYPE_CHECKING:
+    from bricksrl.envs.abilities.of_plans import Offer
+    from bricktwin.robots.as_drawn import DrawnRobot
+
+_PROGRAM = "on_the_hub.py"
+"""The exported program, in the folder of the run."""
+
+
+@dataclass(frozen=True)
+class Learn:
+    """Say what the robot of a building plan can learn, and let it learn that.
+
+    The plan is an LDraw file (.ldr, .mpd) or a file of Studio (.io). Hub, motors and what each
+    turns, sensors and where they look come from the drawing. The run folder gets a film, a report,
+    and the program with which the real robot acts by itself. `bricksrl train my_robot.ldr:GOAL`
+    does the same training with all of its options.
+
+    Examples:
+      bricksrl learn examples/15_six_legs.ldr
+      bricksrl learn my_robot.ldr walk --page
+      bricksrl learn my_robot.io --look
+    """
+
+    plan: Annotated[Positional[str], option(metavar="PLAN"), Existing(check_there)]
+    """Building plan of the robot."""
+    goal: Annotated[Positional[str | None], option(metavar="GOAL")] = None
+    """What it is to learn; by default you are asked, or it learns what suits it best."""
+    look: Flag = False
+    """Only say what the plan shows, and what the robot can learn."""
+    episodes: Annotated[int | None, Range(1), option(metavar="N")] = None
+    """Episodes to train for; the default depends on the goal."""
+    seed: Seed = 0
+    """Seed of all random numbers: the same seed gives the same run."""
+    run: Annotated[Path | None, option(metavar="DIR")] = None
+    """Folder to write to, which must not exist; by default runs/<plan>-<goal>-..."""
+    page: PageFlag = False
+    film: FilmFlag = True
+    live_page: LivePageGroup = PageOptions()
+
+    def execute(self) -> None:
+        if not is_plan(self.plan):
+            raise DescriptionError(
+                f"{self.plan} is no building plan; give a file that ends in .ldr, .mpd or .io"
+            )
+        # Reading plans imports NumPy and more, so the file's name is checked before.
+        from bricksrl.envs.abilities.of_plans import offers, task_of_plan
+        from bricktwin.robots.as_drawn import robot_as_drawn
+
+        with telling("reading the plan"):
+            drawn = robot_as_drawn(self.plan)
+            offered = offers(drawn)
+        _say(drawn, offered)
+        if self.look:
+            return
+        goal = self.goal or _chosen(self.plan, offered)
+        reference = f"{self.plan}:{goal}"
+        # It raises for a goal that this robot cannot learn.
+        task_of_plan(reference)
+        train = Train(
+            env=reference,
+            episodes=self.episodes,
+            seed=self.seed,
+            page=self.page,
+            film=self.film,
+            live_page=self.live_page,
+        )
+        folder = self.run
+        if folder is None:
+            agent = train.config(reference).agent
+            folder = run_folder(None, reference, agent, self.seed)
+        replace(train, run=folder).execute()
+        _export(folder, self.plan)
+
+
+def _say(drawn: DrawnRobot, offered: list[Offer]) -> None:
+    """Print what was found, and what the robot can learn."""
+    motors = counted(len(drawn.motors), "motor")
+    sensors = counted(len(drawn.sensors), "sensor")
+    print_line(f"{drawn.robot.name}: {drawn.hub.part}, {motors}, {sensors}")
+    for motor in drawn.motors:
+        facts = motor.facts
+        print_line(f"  port {facts.port}  {motor.name:13} {facts.part}: {motor.moves}")
+    for sensor in drawn.sensors:
+        seen = sensor.facts
+        looks = f"looks {seen.looks}" if seen.looks else "looks askew"
+        print_line(f"  port {seen.port}  {sensor.name:13} {seen.part}: {looks}")
+    if not drawn.is_wired and (drawn.motors or drawn.sensors):
+        print_note(
+            "The plan says no ports, so they are given in the order of building: plug the cables "
+            "in so, or write 0 !BRICKSRL PORT A before each motor and sensor."
+        )
+    for lack in drawn.lacks:
+        print_note(f"{drawn.robot.name}, {lack}.")
+    can = [offer for offer in offered if offer.task is not None]
+    cannot = [offer for offer in offered if offer.task is None]
+    if can:
+        print_line("It can learn")
+    for offer in can:
+        print_line(f"  {offer.ability.name:6} {offer.ability.sentence}")
+    if cannot:
+        print_line("It cannot learn")
+    for offer in cannot:
+        print_line(f"  {offer.ability.name:6} {offer.ability.sentence}: {offer.reason}")
+
+
+def _chosen(plan: str, offered: list[Offer]) -> str:
+    """The goal that the user chooses, or the one that suits the robot best. Raises DescriptionError
+    if there is none."""
+    names = [offer.ability.name for offer in offered if offer.task is not None]
+    if not names:
+        raise DescriptionError(
+            f"the robot of {plan} can learn nothing as it is drawn; the lines above say what it "
+            "lacks"
+        )
+    return names[0] if len(names) == 1 else choose("What is it to learn?", names, names[0])
+
+
+def _export(folder: Path, plan: str) -> None:
+    """Write the program for the hub beside the run, and say how it does there; what a hub cannot do
+    is said."""
+    from bricksrl.policies.hub_export import export_program
+
+    out = folder / _PROGRAM
+    try:
+        with telling("writing the program for the hub"):
+            exported = export_program(folder, out)
+    except BricksError as error:
+        print_note(f"There is no program for the hub: {error}.")
+        return
+    print_line(f"for the hub     {out}")
+    print_line(
+        f"                a return of {exported.hub_return:.3g} on the virtual hub by itself, "
+        f"{exported.policy_return:.3g} over the link"
+    )
+    print_line(f"run it          bricksrl hub run {quoted(out)} --robot {quoted(plan)}")

@@ -1,0 +1,1 @@
+"""Abilities: what a robot can learn that is known from its building plan alone."""

@@ -1,0 +1,97 @@
+"""Tasks of building plans: ``rover.ldr:walk`` is the task of a drawn robot that learns to walk."""
+
+from dataclasses import dataclass
+
+from brickhub.files import quoted
+from brickhub.user_files import without_name
+from bricksrl.envs.abilities.ability import Ability
+from bricksrl.envs.abilities.driving import (
+    drive_away,
+    follow_line,
+    park,
+    spin,
+    stop_before_wall,
+)
+from bricksrl.envs.abilities.reaching import reach
+from bricksrl.envs.abilities.walking import drive_ahead, walk
+from bricksrl.envs.task import Task
+from bricksrl.errors import DescriptionError, UnknownNameError, hint
+from bricktwin.robots.as_drawn import DrawnRobot, robot_as_drawn
+
+ABILITIES = {
+    ability.name: ability
+    for ability in (
+        Ability("walk", "walk forward", walk, agent="gait", episodes=3),
+        Ability("line", "follow the edge of a line", follow_line),
+        Ability("park", "park in a bay", park),
+        Ability("stop", "stop before a wall", stop_before_wall, episodes=25),
+        Ability("away", "drive away from a wall", drive_away, episodes=20),
+        Ability("spin", "spin to the side that it is told", spin, episodes=15),
+        Ability(
+            "ahead",
+            "drive ahead",
+            drive_ahead,
+            agent="gait",
+            episodes=2,
+        ),
+        Ability("reach", "turn its joints to a goal", reach),
+    )
+}
+"""What drawn robots may learn, by name; the first that a robot can is what suits it best."""
+
+
+@dataclass(frozen=True)
+class Offer:
+    """An ability for a robot.
+
+    Attributes:
+        task: how it learns that; ``None`` if it cannot.
+        reason: why not; "" if it can.
+    """
+
+    ability: Ability
+    task: Task | None
+    reason: str = ""
+
+
+def offers(drawn: DrawnRobot) -> list[Offer]:
+    """All abilities, with the task of this robot or the reason why it has none."""
+    found: list[Offer] = []
+    for ability in ABILITIES.values():
+        try:
+            found.append(Offer(ability, ability.task(drawn)))
+        except DescriptionError as error:
+            found.append(Offer(ability, None, str(error)))
+    return found
+
+
+def ability_of(reference: str) -> Ability:
+    """The ability that a reference names. Raises UnknownNameError if there is none."""
+    file = without_name(reference)
+    name = reference[len(file) + 1 :]
+    if name in ABILITIES:
+        return ABILITIES[name]
+    known = ", ".join(ABILITIES)
+    if not name:
+        raise UnknownNameError(
+            f"{file} is a plan; name what its robot is to learn, such as {file}:walk ({known}): "
+            f"`bricksrl learn {quoted(file)}` says what it can"
+        )
+    raise UnknownNameError(
+        f"nothing that a robot learns is called '{name}'{hint(name, ABILITIES)}; choose {known}"
+    )
+
+
+def task_of_plan(reference: str) -> Task:
+    """The task that a reference to a plan names. Raises UnknownNameError if it names nothing that
+    robots learn, DescriptionError if this one cannot, PlanError if the plan cannot be read."""
+    ability = ability_of(reference)
+    file = without_name(reference)
+    drawn = robot_as_drawn(file)
+    try:
+        return ability.task(drawn)
+    except DescriptionError as error:
+        raise DescriptionError(
+            f"{drawn.robot.name} cannot learn to {ability.sentence}: {error}; "
+            f"`bricksrl learn {quoted(file)}` says what it can"
+        ) from None
