@@ -4,10 +4,15 @@
 from collections.abc import Callable, Sequence
 
 from brickhub.entry import Entry
+from brickhub.errors import DescriptionError
+from brickhub.hub.interface import Distance, DriveSpeed, Interface
 from brickhub.search.onboard.approach_at import approach_at
 from brickhub.search.structure import formula_source
 
 _approach_at: Callable[..., float] = approach_at
+_FARTHEST_GOAL_MM = 800.0
+_MOST_GAIN = 6.0
+"""Beyond it a robot swings: a step is too long for it."""
 
 
 class Approach:
@@ -55,3 +60,16 @@ class Approach:
             f"    return [approach_at(observed[0], numbers[0], numbers[1], {self.top_mm_s:g})]",
         ]
         return "\n".join(lines) + "\n"
+
+
+def approach(interface: Interface) -> Approach:
+    """The approach of a robot that commands one speed and observes one distance, and nothing else.
+    Raises DescriptionError for any other interface."""
+    commands = interface.commands
+    channels = interface.channels
+    is_one_each = len(commands) == len(channels) == 1
+    if not is_one_each or not isinstance(channels[0], Distance):
+        raise DescriptionError("an approach observes one distance, and nothing else")
+    if not isinstance(commands[0], DriveSpeed) or commands[0].low != -commands[0].high:
+        raise DescriptionError("an approach commands one speed, as fast backwards as forwards")
+    return Approach(commands[0].high, _FARTHEST_GOAL_MM, _MOST_GAIN)

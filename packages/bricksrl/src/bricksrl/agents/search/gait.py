@@ -32,8 +32,8 @@ class GaitSettings:
     """Settings of policy search."""
 
     structure: Annotated[str, NotCode(tuple(STRUCTURES))] = ""
-    """oscillators (legs held at phases), linear (feedback), or FILE.py:NAME; by default oscillators
-    where there are legs."""
+    """oscillators (legs held at phases), approach (a speed by a distance), linear (feedback), or
+    FILE.py:NAME; by default oscillators where there are legs."""
     trial_steps: Annotated[int, Range(1)] = 10
     """Steps of a trial."""
     settle_steps: Annotated[int, NotNegative] = 3

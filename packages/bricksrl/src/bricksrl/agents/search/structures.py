@@ -15,7 +15,7 @@ from torchrl.envs import EnvBase
 from torchrl.envs.utils import ExplorationType, exploration_type
 
 from brickhub.entry import Entry
-from brickhub.search import oscillators
+from brickhub.search import approach, oscillators
 from brickhub.search.oscillators import TURN_DEG
 from brickhub.user_files import is_reference, load_object
 from bricksrl.agents.features.encoder import encoder_keys, make_encoder
@@ -85,6 +85,30 @@ class Oscillators(nn.Module):
         return nothing.index_copy(-1, self.actions, turns)
 
 
+class Approach(nn.Module):
+    """Approach to a place at some distance, at a speed in proportion to the way that is left:
+    `brickhub.search.approach` for batches.
+
+    Args:
+        single: the same for one robot, of which this is a copy in tensors.
+    """
+
+    def __init__(self, single: approach.Approach) -> None:
+        super().__init__()
+        self.single = single
+        self.numbers = single.numbers
+
+    def forward(
+        self,
+        observation: Tensor,
+        numbers: Tensor,
+    ) -> Tensor:
+        goal_mm = numbers[..., :1]
+        gain = numbers[..., 1:]
+        way_mm = observation[..., :1] - goal_mm
+        return gain * way_mm / self.single.top_mm_s
+
+
 def _constant(values: Sequence[float]) -> nn.Buffer:
     """A tensor that moves with its module and is not in its state."""
     return nn.Buffer(torch.tensor(values), persistent=False)
@@ -108,6 +132,16 @@ def make_oscillators(env: EnvBase) -> Oscillators:
         steps=steps_of(env),
     )
     return Oscillators(single)
+
+
+def make_approach(env: EnvBase) -> Approach:
+    """An approach for an environment with one speed to command and one distance to observe. Raises
+    DescriptionError for any other."""
+    task = interface_of(env).task
+    is_plain = layout_of(env).keys == ["observation"] and keeps_actions(env)
+    if task is None or not is_plain or len(task.entries) != 1:
+        raise DescriptionError("an approach observes one distance, and nothing else")
+    return Approach(approach.approach(task.interface))
 
 
 class Linear(nn.Module):
@@ -152,6 +186,7 @@ def linear(env: EnvBase) -> Linear:
 
 STRUCTURES: dict[str, Callable[[EnvBase], Structure]] = {
     "oscillators": make_oscillators,
+    "approach": make_approach,
     "linear": linear,
 }
 """Structures by name."""
@@ -164,8 +199,8 @@ def make_structure(env: EnvBase, name: str) -> Structure:
         return STRUCTURES[name](env)
     if name and not is_reference(name):
         raise UnknownNameError(
-            f"there is no structure '{name}'{hint(name, STRUCTURES)}; choose oscillators, linear "
-            "or a file"
+            f"there is no structure '{name}'{hint(name, STRUCTURES)}; choose oscillators, "
+            "approach, linear or a file"
         )
     if name:
         made: Structure = load_object(name, "make_structure")(env)

@@ -35,6 +35,7 @@ _SEES_FLOOR_MM = 24.0
 """Height of a color sensor up to which LEGO's tell a line from the floor."""
 _START_MM = (5.0, 2.0)
 """The sensor starts at the line's edge: so far off at most, along and across it."""
+_STOP_STEPS = 40
 _GAP_MM = 150.0
 """Where a robot is to stop before a wall."""
 _THIRD_MM = 200.0
@@ -147,14 +148,15 @@ def stop_before_wall(drawn: DrawnRobot) -> Task:
         interface=Interface(
             (DriveSpeed(-300, 300),),
             (Distance(eyes, 0.0, 1000.0),),
-            Wait(200),
+            Wait(100),
         ),
-        max_steps=25,
+        max_steps=_STOP_STEPS,
         reward=_nearness,
         success=lambda observations: (_off_mm(observations[..., -1, :]).abs() < _CLOSE_MM)[..., 0],
         metrics=lambda observations: {"final_off_mm": _off_mm(observations[..., -1, :])[..., 0]},
-        observes_commands=True,
-        scene=Scene(wall_distance_mm=(400.0, 800.0), heading_deg=(-5.0, 5.0)),
+        # A trial is a whole approach.
+        settings={"structure": "approach", "trial_steps": _STOP_STEPS, "settle_steps": 0},
+        scene=Scene(wall_distance_mm=(500.0, 700.0), heading_deg=(-5.0, 5.0)),
     )
 
 

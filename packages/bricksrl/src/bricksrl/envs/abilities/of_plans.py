@@ -22,9 +22,15 @@ ABILITIES = {
     ability.name: ability
     for ability in (
         Ability("walk", "walk forward", walk, agent="gait", episodes=3),
-        Ability("line", "follow the edge of a line", follow_line),
-        Ability("park", "park in a bay", park),
-        Ability("stop", "stop before a wall", stop_before_wall, episodes=25),
+        Ability("line", "follow the edge of a line", follow_line, episodes=60),
+        Ability("park", "park in a bay", park, episodes=60),
+        Ability(
+            "stop",
+            "stop before a wall",
+            stop_before_wall,
+            agent="gait",
+            episodes=40,
+        ),
         Ability("away", "drive away from a wall", drive_away, episodes=20),
         Ability("spin", "spin to the side that it is told", spin, episodes=15),
         Ability(

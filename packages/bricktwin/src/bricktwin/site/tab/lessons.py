@@ -20,7 +20,7 @@ from brickhub.hub.interface import (
     Wait,
 )
 from brickhub.robot import Robot, UltrasonicSensor
-from brickhub.search.approach import Approach
+from brickhub.search.approach import approach
 from brickhub.search.bayesian_search import trial_score
 from brickhub.search.oscillators import oscillators
 from brickhub.search.structure import HubStructure
@@ -37,9 +37,6 @@ _LEG_SPEED_DEG_S = 600
 _APPROACH_STEPS = 40
 _APPROACH_STEP_MS = 100
 _APPROACH_MM_S = 400
-_FARTHEST_GOAL_MM = 800.0
-_MOST_GAIN = 6.0
-"""Beyond it the robot swings: a step is too long for it."""
 _SIGHT_MM = 1000
 """Distance beyond which a driving robot takes the wall to be no farther."""
 GAP_MM = 150.0
@@ -153,7 +150,7 @@ def stop_before_wall(robot: Robot) -> Lesson:
     return Lesson(
         goal="stop",
         interface=interface,
-        structure=Approach(_APPROACH_MM_S, _FARTHEST_GOAL_MM, _MOST_GAIN),
+        structure=approach(interface),
         labels=("it drives to", "its speed for each millimetre of way"),
         steps=_APPROACH_STEPS,
         score=nearness,

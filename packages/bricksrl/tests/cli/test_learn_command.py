@@ -1,0 +1,49 @@
+"""`bricksrl learn`: what it says of a drawing, and what it leaves behind."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from bricksrl.training import RunFolder
+from bricktwin.robots import plans
+
+PLANS = Path(plans.__path__[0])
+SIX_LEGS = Path(__file__).parents[4] / "examples" / "15_six_legs.ldr"
+
+
+def test_look_says_what_each_device_is_and_what_can_be_learned(bricksrl):
+    done = bricksrl("learn", str(PLANS / "ev3_driver.ldr"), "--look")
+    assert done.returncode == 0
+    lines = done.stdout.splitlines()
+    assert lines[:1] == ["reading the plan"]
+    assert lines[1].startswith("ev3_driver: EV3 brick")
+    assert any(line.startswith("  port B  left") and "wheel of 56 mm" in line for line in lines)
+    assert any(line.startswith("  port 3  light") and "looks down" in line for line in lines)
+    can = lines[lines.index("It can learn") : lines.index("It cannot learn")]
+    assert any(line.split()[0] == "line" for line in can[1:])
+    assert "  walk   walk forward: it drives on wheels" in lines
+
+
+def test_learning_ends_with_a_report_and_the_hubs_program(bricksrl, tmp_path):
+    run = tmp_path / "six"
+    done = bricksrl(
+        "learn", str(SIX_LEGS), "--episodes", "1", "--no-film", "--run", str(run), timeout_s=240.0
+    )
+    assert done.returncode == 0, done.stderr
+    folder = RunFolder(run)
+    assert folder.read_config().agent == "gait"
+    assert (run / "report.html").exists()
+    program = (run / "on_the_hub.py").read_text(encoding="utf-8")
+    assert "def turn_legs" in program
+    assert f"--robot {SIX_LEGS}" in done.stdout
+
+
+def test_what_is_no_plan_or_no_goal_is_refused(fails):
+    fails("learn", "RunAway-v0", says="RunAway-v0 is no building plan")
+    fails("learn", "nowhere.ldr", says="there is no file nowhere.ldr")
+
+
+def test_goal_that_a_robot_cannot_learn_is_refused(bricksrl):
+    done = bricksrl("learn", str(PLANS / "walker.ldr"), "park")
+    assert done.returncode == 2
+    assert done.stderr.splitlines()[-1].startswith("error: walker cannot learn to park in a bay")

@@ -1,0 +1,102 @@
+"""What drawn robots can learn: tasks of plans, refusals with what a robot lacks, and that they
+work."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+import torch
+
+import bricksrl
+from brickhub.hub.interface import DriveSpeed, DriveStraight, RunAngle
+from bricksrl.envs import get_task
+from bricksrl.envs.abilities.of_plans import offers
+from bricksrl.envs.env_checker import check_env
+from bricksrl.errors import BricksError, DescriptionError, UnknownNameError
+from bricksrl.training.config import TrainConfig
+from bricktwin.robots import plans
+from bricktwin.robots.as_drawn import robot_as_drawn
+
+PLANS = Path(plans.__path__[0])
+EXAMPLES = Path(__file__).parents[4] / "examples"
+CAN = {
+    PLANS / "two_wheeler.ldr": {"park", "stop", "away", "spin"},
+    PLANS / "ev3_driver.ldr": {"line", "park", "stop", "away", "spin"},
+    PLANS / "walker.ldr": {"walk"},
+    PLANS / "robo_arm.ldr": {"reach"},
+    EXAMPLES / "13_front_steered.ldr": {"ahead"},
+    EXAMPLES / "15_six_legs.ldr": {"walk"},
+}
+
+
+@pytest.mark.parametrize("path", CAN, ids=lambda path: path.stem)
+def test_robots_are_offered_what_they_can(path):
+    offered = offers(robot_as_drawn(path))
+    assert {offer.ability.name for offer in offered if offer.task is not None} == CAN[path]
+    # Whatever is not offered has a reason, in words that go on after a colon.
+    for offer in offered:
+        assert (offer.reason != "") == (offer.task is None)
+        assert not offer.reason.endswith(".")
+
+
+@pytest.mark.parametrize(
+    ("file", "goal"),
+    [(path, goal) for path, goals in CAN.items() for goal in sorted(goals)],
+    ids=lambda value: value if isinstance(value, str) else value.stem,
+)
+def test_each_offer_is_a_task_that_plays(file, goal):
+    env = bricksrl.make(f"{file}:{goal}", seed=0)
+    frames = env.rollout(3)
+    assert bool(torch.isfinite(frames["next", "reward"]).all())
+    env.close()
+
+
+def test_task_of_a_plan_passes_the_checks_of_environments():
+    findings = list(check_env(f"{PLANS / 'two_wheeler.ldr'}:stop"))
+    assert [finding for finding in findings if finding.outcome.value == "error"] == []
+
+
+def test_commands_are_those_of_the_robot():
+    wheels = get_task(f"{PLANS / 'two_wheeler.ldr'}:away").interface.commands
+    assert [type(command) for command in wheels] == [DriveStraight]
+    stop = get_task(f"{PLANS / 'two_wheeler.ldr'}:stop").interface.commands
+    assert [type(command) for command in stop] == [DriveSpeed]
+    car = get_task(f"{EXAMPLES / '13_front_steered.ldr'}:ahead").interface.commands
+    assert [(type(command), command.name) for command in car] == [(RunAngle, "drive")]
+
+
+def test_line_starts_where_the_sensor_is_over_its_edge():
+    env = bricksrl.make(f"{PLANS / 'ev3_driver.ldr'}:line", seed=0)
+    first = env.reset()["observation"]
+    # Between the reflection of the line and that of the floor, which are 5 and 71 %.
+    assert 8 < float(first[0]) < 68
+    env.close()
+
+
+def test_runs_have_an_absolute_path_and_an_agent_that_suits(monkeypatch):
+    monkeypatch.chdir(EXAMPLES)
+    from bricksrl.cli.train import Train
+
+    config = Train("15_six_legs.ldr:walk").config("15_six_legs.ldr:walk")
+    assert config.env == f"{EXAMPLES / '15_six_legs.ldr'}:walk"
+    assert (config.agent, config.episodes) == ("gait", 3)
+    assert TrainConfig(f"{PLANS / 'two_wheeler.ldr'}:spin").agent == "sac"
+
+
+@pytest.mark.parametrize(
+    ("reference", "kind", "says"),
+    [
+        ("{walker}", UnknownNameError, "name what its robot is to learn"),
+        ("{walker}:wlak", UnknownNameError, r"did you mean 'walk'"),
+        (
+            "{walker}:park",
+            DescriptionError,
+            "cannot learn to park in a bay: no motor turns a wheel",
+        ),
+        ("nowhere.ldr:walk", BricksError, "nowhere.ldr"),
+    ],
+)
+def test_what_a_plan_cannot_is_refused_with_the_reason(reference, kind, says):
+    with pytest.raises(kind, match=says):
+        get_task(reference.format(walker=PLANS / "walker.ldr"))
