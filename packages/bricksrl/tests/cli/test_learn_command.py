@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 from bricksrl.training import RunFolder
@@ -15,8 +16,7 @@ def test_look_says_what_each_device_is_and_what_can_be_learned(bricksrl):
     done = bricksrl("learn", str(PLANS / "ev3_driver.ldr"), "--look")
     assert done.returncode == 0
     lines = done.stdout.splitlines()
-    assert lines[:1] == ["reading the plan"]
-    assert lines[1].startswith("ev3_driver: EV3 brick")
+    assert lines[0].startswith("ev3_driver: EV3 brick")
     assert any(line.startswith("  port B  left") and "wheel of 56 mm" in line for line in lines)
     assert any(line.startswith("  port 3  light") and "looks down" in line for line in lines)
     can = lines[lines.index("It can learn") : lines.index("It cannot learn")]
@@ -38,12 +38,25 @@ def test_learning_ends_with_a_report_and_the_hubs_program(bricksrl, tmp_path):
     assert f"--robot {SIX_LEGS}" in done.stdout
 
 
+def test_json_has_what_the_lines_have(bricksrl):
+    done = bricksrl("learn", str(PLANS / "walker.ldr"), "--look", "--json")
+    found = json.loads(done.stdout)
+    assert [ability["name"] for ability in found["abilities"] if not ability["reason"]] == ["walk"]
+    assert {motor["name"] for motor in found["motors"]} == {
+        "left_front",
+        "right_front",
+        "left_back",
+        "right_back",
+    }
+
+
 def test_what_is_no_plan_or_no_goal_is_refused(fails):
     fails("learn", "RunAway-v0", says="RunAway-v0 is no building plan")
     fails("learn", "nowhere.ldr", says="there is no file nowhere.ldr")
+    fails("learn", str(SIX_LEGS), "--json", says="--json has no effect without --look")
 
 
 def test_goal_that_a_robot_cannot_learn_is_refused(bricksrl):
-    done = bricksrl("learn", str(PLANS / "walker.ldr"), "park")
+    done = bricksrl("learn", f"{PLANS / 'walker.ldr'}:park")
     assert done.returncode == 2
     assert done.stderr.splitlines()[-1].startswith("error: walker cannot learn to park in a bay")

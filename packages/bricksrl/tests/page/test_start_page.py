@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import subprocess
 import sys
 import time
@@ -15,6 +16,7 @@ import pytest
 from browser import TIMEOUT_MS, chromium
 from forked import Forked, ForkServer
 
+from bricksrl.page.drawings import Drawings
 from bricksrl.page.server import PageOptions
 from bricksrl.page.start import StartPage
 from bricksrl.page.visitors import Visitors
@@ -23,6 +25,7 @@ from bricksrl.training.config import TrainConfig
 from bricksrl.training.run_folder import RunFolder
 
 pytestmark = pytest.mark.realtime
+SIX_LEGS = Path(__file__).parents[4] / "examples" / "15_six_legs.ldr"
 
 
 @pytest.fixture(scope="module")
@@ -129,6 +132,45 @@ def test_hub_check_and_plan_need_no_typing(browser: object, start: StartPage) ->
         page.get_by_role("slider", name="Step").wait_for()
 
 
+@pytest.mark.slow
+def test_drawing_in_the_folder_is_looked_at_and_taught(
+    browser: object, start: StartPage, tmp_path: Path
+) -> None:
+    shutil.copy(SIX_LEGS, tmp_path / "mine.ldr")
+    (tmp_path / "broken.ldr").write_text("no plan", encoding="utf-8")
+    with walk(browser, start.url) as page:
+        broken = page.locator("#drawings li", has_text="broken.ldr")
+        button(broken, "What can it learn?").click()
+        page.locator(".job", has_text="broken.ldr is looked at").locator("pre").wait_for()
+        drawing = page.locator("#drawings li", has_text="mine.ldr")
+        button(drawing, "What can it learn?").click()
+        teach = button(drawing, "Teach it to walk forward")
+        teach.wait_for()
+        assert "left_front turns a leg" in drawing.inner_text()
+        teach.click()
+        page.wait_for_selector("#scene[data-frames]")
+        page.get_by_role("link", name="Start").click()
+        page.locator("#runs li", has_text="mine.ldr:walk").wait_for()
+
+
+def test_what_was_found_in_a_drawing_is_forgotten_when_it_changes(tmp_path: Path) -> None:
+    drawing = tmp_path / "mine.ldr"
+    drawing.write_text("0 A robot", encoding="utf-8")
+    drawings = Drawings(tmp_path)
+    can = {"name": "walk", "sentence": "walk forward", "reason": ""}
+    cannot = {"name": "park", "sentence": "park in a bay", "reason": "no motor turns a wheel"}
+    found = {"abilities": [can, cannot]}
+    assert drawings.described() == [{"name": "mine.ldr", "found": None}]
+    drawings.take("mine.ldr", ["a warning", json.dumps(found)])
+    assert drawings.described() == [{"name": "mine.ldr", "found": found}]
+    assert drawings.goals() == ["mine.ldr:walk"]
+    changed_s = drawing.stat().st_mtime + 10
+    os.utime(drawing, (changed_s, changed_s))
+    assert drawings.goals() == []
+    drawing.unlink()
+    assert drawings.described() == []
+
+
 @pytest.mark.parametrize(
     ("action", "value"),
     [
@@ -137,6 +179,8 @@ def test_hub_check_and_plan_need_no_typing(browser: object, start: StartPage) ->
         ("watch", "../x"),
         ("compare", ["x"]),
         ("booklet", "/etc/passwd"),
+        ("look", "/etc/passwd"),
+        ("teach", "rover.ldr:walk"),
         ("check ble:X", "RunAway-v0"),
         ("check ble", None),
         ("drive", {"a": 1}),

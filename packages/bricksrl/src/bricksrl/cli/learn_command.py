@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from tyro.conf import Positional
 
@@ -12,12 +13,13 @@ from brickhub.cli.terminal import choose, print_line, print_note
 from brickhub.fields import Range
 from brickhub.files import quoted
 from brickhub.options import Existing, Flag, Seed, option
-from brickhub.user_files import check_there
+from brickhub.user_files import NotCode, check_there, without_name
 from bricksrl.cli.page import LivePageGroup, PageFlag
 from bricksrl.cli.terminal import telling
 from bricksrl.cli.train import FilmFlag, Train, run_folder
 from bricksrl.errors import BricksError, DescriptionError, counted
 from bricksrl.page.server import PageOptions
+from bricksrl.training.config import RunOptions
 from bricktwin.robots.planned import is_plan
 
 if TYPE_CHECKING:
@@ -34,54 +36,64 @@ class Learn:
 
     The plan is an LDraw file (.ldr, .mpd) or a file of Studio (.io). Hub, motors and what each
     turns, sensors and where they look come from the drawing. The run folder gets a film, a report,
-    and the program with which the real robot acts by itself. `bricksrl train my_robot.ldr:GOAL`
-    does the same training with all of its options.
+    and the program with which the real robot acts by itself. `bricksrl train my_robot.ldr:walk`
+    is the same training with all of its options.
 
     Examples:
       bricksrl learn examples/15_six_legs.ldr
-      bricksrl learn my_robot.ldr walk --page
+      bricksrl learn my_robot.ldr:walk --page
       bricksrl learn my_robot.io --look
     """
 
-    plan: Annotated[Positional[str], option(metavar="PLAN"), Existing(check_there)]
-    """Building plan of the robot."""
-    goal: Annotated[Positional[str | None], option(metavar="GOAL")] = None
-    """What it is to learn; by default you are asked, or it learns what suits it best."""
+    plan: Annotated[Positional[str], option(metavar="PLAN[:GOAL]"), Existing(check_there)]
+    """Building plan of the robot, and what it is to learn; without a goal you are asked, or it
+    learns what suits it best."""
     look: Flag = False
     """Only say what the plan shows, and what the robot can learn."""
+    json: Flag = False
+    """With --look: print one JSON object instead of lines."""
     episodes: Annotated[int | None, Range(1), option(metavar="N")] = None
     """Episodes to train for; the default depends on the goal."""
     seed: Seed = 0
     """Seed of all random numbers: the same seed gives the same run."""
     run: Annotated[Path | None, option(metavar="DIR")] = None
     """Folder to write to, which must not exist; by default runs/<plan>-<goal>-..."""
+    name: Annotated[str, option(metavar="NAME"), NotCode()] = ""
+    """Name of the pupil or the group, for report and comparisons."""
     page: PageFlag = False
     film: FilmFlag = True
     live_page: LivePageGroup = PageOptions()
 
     def execute(self) -> None:
-        if not is_plan(self.plan):
+        if self.json and not self.look:
+            raise DescriptionError("--json has no effect without --look; give both, or neither")
+        file = without_name(self.plan)
+        if not is_plan(file):
             raise DescriptionError(
-                f"{self.plan} is no building plan; give a file that ends in .ldr, .mpd or .io"
+                f"{file} is no building plan; give a file that ends in .ldr, .mpd or .io"
             )
         # Reading plans imports NumPy and more, so the file's name is checked before.
         from bricksrl.envs.abilities.of_plans import offers, task_of_plan
         from bricktwin.robots.as_drawn import robot_as_drawn
 
-        with telling("reading the plan"):
-            drawn = robot_as_drawn(self.plan)
-            offered = offers(drawn)
+        has_goal = self.plan != file
+        if has_goal:
+            # It raises for a goal that this robot cannot learn.
+            task_of_plan(self.plan)
+        drawn = robot_as_drawn(file)
+        offered = offers(drawn)
+        if self.json:
+            print_line(json.dumps(_as_json(drawn, offered)))
+            return
         _say(drawn, offered)
         if self.look:
             return
-        goal = self.goal or _chosen(self.plan, offered)
-        reference = f"{self.plan}:{goal}"
-        # It raises for a goal that this robot cannot learn.
-        task_of_plan(reference)
+        reference = self.plan if has_goal else f"{file}:{_chosen(file, offered)}"
         train = Train(
             env=reference,
             episodes=self.episodes,
             seed=self.seed,
+            learning=RunOptions(name=self.name),
             page=self.page,
             film=self.film,
             live_page=self.live_page,
@@ -91,7 +103,48 @@ class Learn:
             agent = train.config(reference).agent
             folder = run_folder(None, reference, agent, self.seed)
         replace(train, run=folder).execute()
-        _export(folder, self.plan)
+        _export(folder, file)
+
+
+def _as_json(drawn: DrawnRobot, offered: list[Offer]) -> dict[str, Any]:
+    """What was found, as plain values."""
+    motors: list[dict[str, str]] = []
+    for motor in drawn.motors:
+        facts = motor.facts
+        motors.append(
+            {"name": motor.name, "port": facts.port, "part": facts.part, "moves": motor.moves}
+        )
+    sensors: list[dict[str, str]] = []
+    for sensor in drawn.sensors:
+        seen = sensor.facts
+        sensors.append(
+            {"name": sensor.name, "port": seen.port, "part": seen.part, "looks": seen.looks}
+        )
+    abilities: list[dict[str, str]] = []
+    for offer in offered:
+        ability = offer.ability
+        abilities.append(
+            {"name": ability.name, "sentence": ability.sentence, "reason": offer.reason}
+        )
+    return {
+        "robot": drawn.robot.name,
+        "hub": drawn.hub.part,
+        "motors": motors,
+        "sensors": sensors,
+        "notes": _notes(drawn),
+        "abilities": abilities,
+    }
+
+
+def _notes(drawn: DrawnRobot) -> list[str]:
+    """What a builder has to know of a drawing."""
+    notes = [f"{drawn.robot.name}, {lack}." for lack in drawn.lacks]
+    if not drawn.is_wired and (drawn.motors or drawn.sensors):
+        notes.append(
+            "The plan says no ports, so they are given in the order of building: plug the cables "
+            "in so, or write 0 !BRICKSRL PORT A before each motor and sensor."
+        )
+    return notes
 
 
 def _say(drawn: DrawnRobot, offered: list[Offer]) -> None:
@@ -106,19 +159,14 @@ def _say(drawn: DrawnRobot, offered: list[Offer]) -> None:
         seen = sensor.facts
         looks = f"looks {seen.looks}" if seen.looks else "looks askew"
         print_line(f"  port {seen.port}  {sensor.name:13} {seen.part}: {looks}")
-    if not drawn.is_wired and (drawn.motors or drawn.sensors):
-        print_note(
-            "The plan says no ports, so they are given in the order of building: plug the cables "
-            "in so, or write 0 !BRICKSRL PORT A before each motor and sensor."
-        )
-    for lack in drawn.lacks:
-        print_note(f"{drawn.robot.name}, {lack}.")
-    can = [offer for offer in offered if offer.task is not None]
+    for note in _notes(drawn):
+        print_note(note)
+    can = [offer.ability for offer in offered if offer.task is not None]
     cannot = [offer for offer in offered if offer.task is None]
     if can:
         print_line("It can learn")
-    for offer in can:
-        print_line(f"  {offer.ability.name:6} {offer.ability.sentence}")
+    for ability in can:
+        print_line(f"  {ability.name:6} {ability.sentence}")
     if cannot:
         print_line("It cannot learn")
     for offer in cannot:

@@ -26,11 +26,13 @@ from typing import Any, Self
 from brickhub.cli.descendants import kill_frozen
 from brickhub.cli.ending import DEADLINE_S
 from brickhub.files import quoted
+from brickhub.user_files import without_folder
 from bricksrl.child_process import own_python
 from bricksrl.envs.arenas import ARENAS, arena_summary
 from bricksrl.envs.registry import is_simulation, list_envs
 from bricksrl.errors import BricksError, PageError, UntrustedError
 from bricksrl.page.board import Board
+from bricksrl.page.drawings import Drawings
 from bricksrl.page.server import PageOptions, PageServer, chosen
 from bricksrl.page.visitors import Seats, Visitor
 from bricksrl.policies.by_name import TRAINED
@@ -109,6 +111,19 @@ ACTIONS = {
         "class",
         ("compare", "--class"),
         has_page=False,
+        is_alone=False,
+    ),
+    "look": Action(
+        "drawing",
+        ("learn",),
+        ("--look", "--json"),
+        has_page=False,
+        is_alone=False,
+    ),
+    "teach": Action(
+        "goal",
+        ("learn",),
+        ("--page",),
         is_alone=False,
     ),
     "build": Action("plan", ("plan", "show")),
@@ -299,6 +314,7 @@ class StartPage(PageServer):
         self._jobs = list[Job]()
         self._ended = threading.Event()
         self._seats = Seats(holds_several=True)
+        self._drawings = Drawings(folder)
         self._results: Path | None = None
         # A kinematic simulation has no robot to look at.
         self._envs = {}
@@ -319,6 +335,7 @@ class StartPage(PageServer):
             cards.append({"env": env_id, "summary": arena_summary(env_id), "is_arena": True})
         self.board.update_status(
             title="BricksRL",
+            folder=_short(folder),
             cards=cards,
             plans=self._plans,
         )
@@ -436,6 +453,8 @@ class StartPage(PageServer):
             "environment": self._envs,
             "arena": ARENAS,
             "plan": self._plans,
+            "drawing": self._drawings.names(),
+            "goal": self._drawings.goals(),
             "class": ["runs"],
         }
         known["run"] = [run["name"] for run in runs]
@@ -447,9 +466,9 @@ class StartPage(PageServer):
             words += ["--out", f"{self._results}/{number}.{action.out}"]
         if action.has_page:
             words += ["--page-host", self._options.page_host]
-        if name == "train":
+        if name in ("train", "teach"):
             # Another seed than the runs before, or the same run would come again.
-            seed = sum(run["env"] in names for run in runs)
+            seed = sum(without_folder(run["env"]) in names for run in runs)
             words += ["--seed", f"{seed}"]
             if visitor is not None and visitor.given_name:
                 # In one word: a name may begin like an option.
@@ -526,13 +545,23 @@ class StartPage(PageServer):
 
     def _publish(self) -> None:
         runs, untrusted = self._runs_and_untrusted()
+        self._take_looks()
         jobs = [job.described() for job in reversed(self._jobs)]
         self.board.update_status(
             jobs=jobs,
             runs=runs,
             untrusted=untrusted,
+            drawings=self._drawings.described(),
         )
         self.board.update_status(**self._seats.described())
+
+    def _take_looks(self) -> None:
+        """Show what was found in a drawing beside it, and the job no more, unless it has failed."""
+        for job in list(self._jobs):
+            has_said_all = not job.is_running and not job.reader.is_alive()
+            if job.action == "look" and has_said_all and job.process.returncode == 0:
+                self._drawings.take(job.about, job.lines)
+                self._jobs.remove(job)
 
     def _runs(self) -> list[dict[str, Any]]:
         """The runs in the folder, the latest first, with the mean return of the last episodes."""
@@ -574,6 +603,13 @@ class StartPage(PageServer):
 def _seat(job: Job) -> str:
     """Name under which a job is held."""
     return f"{job.about} (job {job.number})"
+
+
+def _short(folder: Path) -> str:
+    """A folder's path as its owner says it: from the home folder."""
+    path = folder.resolve()
+    home = Path.home()
+    return f"~/{path.relative_to(home)}" if path.is_relative_to(home) else str(path)
 
 
 def _changed_s(path: Path) -> float:

@@ -28,6 +28,7 @@ _ROW_M = 0.016
 """Largest difference of positions ahead within a row of legs."""
 _ROWS = {1: ("",), 2: ("front", "back"), 3: ("front", "middle", "back")}
 """Names of rows of legs, from the front, by their number."""
+_SINGLE = ("drive", "steering")
 _MARGIN_DEG = 5.0
 """Way that is left before the end stops of a joint."""
 _LEAST_WAY_DEG = 20.0
@@ -130,6 +131,8 @@ def robot_as_drawn(path: Path | str) -> DrawnRobot:
     motors: list[DrawnMotor] = []
     for name, motor in zip(motor_names, facts.motors, strict=True):
         place = places.get(motor.port, "").replace("_", " ")
+        # The only one of a kind is nowhere but there.
+        place = "" if place in _SINGLE else place
         motors.append(DrawnMotor(name, motor, place))
     sensor_names = _sensor_names(facts.sensors, taken=motor_names)
     sensors = [

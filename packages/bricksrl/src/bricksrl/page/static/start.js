@@ -5,7 +5,7 @@ import { $, cleanAddress, connect, element, fill, press } from "./connection.js"
 import { hear, showVisitors, you } from "./visitors.js";
 
 const TEXTS = { play: "Play", train: "Train", drive: "Drive", game: "Play together" };
-const DOES = { play: "plays", drive: "is driven", game: "is played", train: "learns", watch: "is shown", compare: "are compared", class: "are listed", build: "is built", booklet: "gets its booklet", check: "is checked" };
+const DOES = { play: "plays", drive: "is driven", game: "is played", train: "learns", watch: "is shown", compare: "are compared", class: "are listed", build: "is built", look: "is looked at", teach: "learns", booklet: "gets its booklet", check: "is checked" };
 let status = {}, awaited = null;
 const chosen = new Set();
 
@@ -22,6 +22,7 @@ function show() {
     card.append(picture, element("h3", { textContent: env }), element("p", { textContent: summary }), element("div", { className: "row" }, ...buttons));
   });
   showRuns();
+  showDrawings();
   fill($("build").querySelector("ul"), status.plans ?? [], "li", (item, plan) => {
     item.append(element("b", { textContent: plan }), starter("Step by step in 3D", "build", plan), starter("Booklet (PDF)", "booklet", plan));
   });
@@ -40,6 +41,25 @@ function start(action, about) {
   awaited = { action, after: Math.max(0, ...(status.jobs ?? []).map(({ number }) => number)) };
   press(action, about);
   scrollTo(0, 0);
+}
+
+function showDrawings() {
+  const drawings = status.drawings ?? [], section = $("drawings");
+  $("folder").textContent = status.folder ?? "";
+  fill(section.querySelector("ul"), drawings, "li", (item, { name, found }) => {
+    item.append(element("b", { textContent: name }));
+    if (!found) {
+      item.append(starter("What can it learn?", "look", name));
+      return;
+    }
+    const devices = [...found.motors.map(({ port, name, moves }) => `${port}  ${name} ${moves}`), ...found.sensors.map(({ port, name, looks }) => `${port}  ${name} looks ${looks || "askew"}`)];
+    item.append(element("small", { className: "found", textContent: [found.hub, ...devices, ...found.notes].join("\n") }));
+    const can = found.abilities.filter(({ reason }) => !reason), cannot = found.abilities.filter(({ reason }) => reason);
+    const row = element("div", { className: "row" }, ...can.map((ability) => starter(`Teach it to ${ability.sentence}`, "teach", `${name}:${ability.name}`)));
+    if (can.length) row.firstChild.className = "main";
+    const reasons = cannot.map(({ sentence, reason }) => `${sentence}: ${reason}`).join("\n");
+    item.append(row, element("details", {}, element("summary", { textContent: "What it cannot learn, and why" }), element("small", { className: "found", textContent: reasons })));
+  });
 }
 
 function showRuns() {
