@@ -200,14 +200,17 @@ class Session:
         return read_result(path) if path.exists() else {}
 
     def write(self, result: Mapping[str, Any], variant: str = "") -> None:
-        """Write the result, with machine and versions."""
-        write_result(self.path(variant), {**result, **describe()})
+        """Write the result, with machine, versions and code."""
+        from benchmarks.provenance import code_of
+
+        code = code_of(f"benchmarks.{self.benchmark.module}")
+        write_result(self.path(variant), {**result, **describe(), "code": code})
         print(f"numbers  {self.path(variant)}", flush=True)
 
 
 def duration(minutes: float) -> str:
     """Minutes, or hours."""
-    return f"{minutes:g} min" if minutes < 120 else f"{minutes / 60:g} h"
+    return f"{minutes:g} min" if minutes < 120 else f"{minutes / 60:.3g} h"
 
 
 def read_result(path: Path) -> dict[str, Any]:

@@ -1038,7 +1038,19 @@ COMMANDS = {
 def section(name: str, result: Result) -> str:
     """A result with its title and its command."""
     title, render = SECTIONS[name]
-    return f"## {title}\n\n`python -m benchmarks {COMMANDS.get(name, name)}`\n\n{render(result)}"
+    command = f"`python -m benchmarks {COMMANDS.get(name, name)}`{_since(name)}"
+    return f"## {title}\n\n{command}\n\n{render(result)}"
+
+
+def _since(name: str) -> str:
+    """When a result was measured, and whether its code has changed since, as `age` has found; ""
+    for one that it does not know."""
+    path = RESULTS / "age.json"
+    ages = json.loads(path.read_text(encoding="utf-8"))["results"] if path.exists() else {}
+    if name not in ages:
+        return ""
+    older = "; the code that it depends on has changed since" if ages[name]["is_older"] else ""
+    return f" ({ages[name]['day']}{older})"
 
 
 def page() -> str:
@@ -1082,7 +1094,8 @@ def commands(text: str) -> str:
 def readme(text: str) -> str:
     """The README with the current table of the robots and summary."""
     robots_table = robots(json.loads((RESULTS / "robots.json").read_text(encoding="utf-8")))
-    return BLOCK.sub(lambda _: f"\n{robots_table}\n{summary()}\n", text)
+    note = f"Measured with `python -m benchmarks robots`{_since('robots')}.\n"
+    return BLOCK.sub(lambda _: f"\n{robots_table}\n{note}\n{summary()}\n", text)
 
 
 def virtual_hub(text: str) -> str:
