@@ -11,6 +11,7 @@ from bricksrl.cli.app import parse
 from bricksrl.cli.progress import clock, sparkline
 from bricksrl.cli.train import Train
 from bricksrl.training import RunFolder
+from bricksrl.training.config import RunOptions
 
 
 def test_train_prints_progress(trained):
@@ -47,6 +48,14 @@ def test_train_writes_files(trained):
 def test_default_episodes_follow_environment(env, episodes):
     assert Train(env).config(env).episodes == episodes
     assert Train(env, episodes=3).config(env).episodes == 3
+
+
+@pytest.mark.parametrize(("copies", "episodes"), [(1, 75), (256, 75), (4096, 24), (100_000, 1)])
+def test_thousands_of_copies_train_for_fewer_episodes_each(copies, episodes):
+    learning = RunOptions(num_envs=copies)
+    assert Train("WalkerSim-v0", learning=learning).config("WalkerSim-v0").episodes == episodes
+    given = Train("WalkerSim-v0", episodes=75, learning=learning)
+    assert given.config("WalkerSim-v0").episodes == 75
 
 
 def test_options_are_passed_to_run(tmp_path):

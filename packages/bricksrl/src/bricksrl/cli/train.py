@@ -97,7 +97,8 @@ class Train:
     """Agent; `bricksrl list` shows them. An algorithm of your own: my_agent.py[:NAME]. Default:
     sac, of a plan what suits what it learns, or the agent of --from."""
     episodes: Annotated[int | None, Range(1), option(metavar="N")] = None
-    """Episodes to train for; the default depends on the environment."""
+    """Episodes to train for; the default depends on the environment and, with thousands of copies,
+    on their number."""
     seed: Seed = 0
     """Seed of all random numbers: the same seed gives the same run."""
     run: Annotated[Path | None, option(metavar="DIR")] = None
@@ -253,7 +254,7 @@ class Train:
             **known,
             env=env,
             agent=agent,
-            episodes=training_episodes(env) if self.episodes is None else self.episodes,
+            episodes=self.episodes or training_episodes(env, self.learning.num_envs),
             seed=self.seed,
             asynchronous=asynchronous,
             settings=with_changes(settings, self.changes),
