@@ -57,7 +57,7 @@ class HubExport:
         program_bytes, heap_bytes: of the compiled program, and of its objects.
         computing_ms: longest time between what it observes and its commands, by what a product
             costs (`HubModel.product_us`).
-        policy_return, hub_return: means over `EPISODES` episodes.
+        policy_return, hub_return: means over as many episodes each.
     """
 
     kind: str
@@ -75,9 +75,10 @@ def export_program(
     *,
     which: Which = "last",
     hidden: tuple[int, ...] = HIDDEN,
+    episodes: int | None = None,
 ) -> HubExport:
     """Export the policy of a run, or a shared one, as a program for the robot's hub, and try it on
-    the virtual hub.
+    the virtual hub, for some episodes, by default `EPISODES`.
 
     Raises:
         RunError: ``out`` exists, the task has what a hub cannot know, or the program computes
@@ -96,7 +97,15 @@ def export_program(
         policy = load_policy(path, env, which=which)
         # A gait alone is a few lines on the hub; as a base of something else it is a part of it.
         actor = next(policy.module.children(), None) if trained is env else None
-        return _export(env, policy, actor, out, physics, hidden)
+        return _export(
+            env,
+            policy,
+            actor,
+            out,
+            physics,
+            hidden,
+            episodes or EPISODES,
+        )
 
 
 def export_own(
@@ -123,7 +132,15 @@ def export_own(
     with closing(env), reproducible(_SEED):
         _task_of(env)
         policy = OwnPolicy(PlainPolicy.load(path_of(learned)))
-        return _export(env, policy, None, out, None, hidden)
+        return _export(
+            env,
+            policy,
+            None,
+            out,
+            None,
+            hidden,
+            EPISODES,
+        )
 
 
 class OwnPolicy:
@@ -171,8 +188,9 @@ def _export(
     out: Path,
     physics: Physics | None,
     hidden: tuple[int, ...],
+    episodes: int,
 ) -> HubExport:
-    """Write a policy as a program, and try it."""
+    """Write a policy as a program, and try it for some episodes."""
     task = _task_of(env)
     channels = task.observed_channels
     ends_s = list[float]()
@@ -187,7 +205,7 @@ def _export(
     played = play_episodes(
         env,
         timed,
-        EPISODES,
+        episodes,
         _SEED,
         reset_policy=policy.reset,
     )
@@ -216,7 +234,7 @@ def _export(
     blob = program_blob(compile_program(program), task.robot.hub)
     # The program itself, in the virtual hub, which counts its time and its memory.
     alone = []
-    for number in range(EPISODES):
+    for number in range(episodes):
         alone.append(
             play_alone(
                 program.source,
