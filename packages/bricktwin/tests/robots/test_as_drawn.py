@@ -11,8 +11,9 @@ from brickhub.robot import Direction, Sense
 from bricktwin.plans.mechanism.roles import Role
 from bricktwin.robots import EV3_DRIVER, TWO_WHEELER, plans
 from bricktwin.robots.as_drawn import robot_as_drawn
-from bricktwin.twin.make_body import make_body
-from bricktwin.twin.sensor_places import sensor_place_mm
+from bricktwin.twin.mujoco_body import MujocoBody
+from bricktwin.twin.physics import Physics
+from bricktwin.twin.scene import OPEN_FLOOR
 
 PLANS = Path(plans.__path__[0])
 EXAMPLES = Path(__file__).parents[4] / "examples"
@@ -95,10 +96,10 @@ def test_drawing_without_marks_is_wired_and_faces_what_its_sensor_sees(tmp_path,
     assert drawn.robot.drive_base is not None
     assert drawn.robot.drive_base.left == "left"
     assert drawn.sensor_looking(Sense.DISTANCE, "ahead") == "eyes"
-    ahead_mm, _, above_mm = sensor_place_mm(drawn.robot, "light")
+    body = MujocoBody(drawn.robot, OPEN_FLOOR, Physics(), 0)
+    ahead_mm, _, above_mm = body.sensor_place_mm("light")
     assert ahead_mm == pytest.approx(64, abs=1)
     assert 5 < above_mm < 24
-    make_body(drawn.robot)
 
 
 def test_hub_without_enough_ports_is_refused_with_the_line(tmp_path):

@@ -201,4 +201,5 @@ def _decoded(data: bytes) -> PlanFacts:
 
 def _device(row: Sequence[Any]) -> DeviceFacts:
     # JSON has only lists. With tuples, facts that were kept equal those that were just made.
-    return DeviceFacts(*(tuple(value) if isinstance(value, list) else value for value in row))
+    values = [tuple(value) if isinstance(value, list) else value for value in row]
+    return DeviceFacts._make(values)

@@ -9,6 +9,7 @@ import numpy as np
 from brickhub.robot import Robot
 from bricktwin.plans import ldraw_library
 from bricktwin.twin.body import NoiseSources, TwinBody
+from bricktwin.twin.engines.conventions import site_name
 from bricktwin.twin.engines.mujoco_engine import MujocoEngine
 from bricktwin.twin.models.kept_models import robot_model
 from bricktwin.twin.physics import Physics, RandomPhysics
@@ -67,6 +68,13 @@ class MujocoBody(TwinBody):
     @property
     def data(self) -> mujoco.MjData:
         return self.engine.data
+
+    def sensor_place_mm(self, name: str) -> tuple[float, float, float]:
+        """Where a sensor's eye is now, in the world: ahead of its origin, to the left of it, and
+        above the floor. Raises DescriptionError if the robot has no sensor of that name."""
+        site = self.model.site(site_name(self.robot.sensor(name))).id
+        x_m, y_m, z_m = (float(value) for value in self.data.site_xpos[site])
+        return 1000 * x_m, 1000 * y_m, 1000 * z_m
 
     def update_visuals(self) -> None:
         """Update the drawn geometry, cameras and lights to the joint positions, for renderers;

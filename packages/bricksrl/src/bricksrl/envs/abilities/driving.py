@@ -25,8 +25,9 @@ from bricksrl.envs.tasks.spinning import SPINNING
 from bricksrl.errors import DescriptionError, counted
 from bricktwin.plans.mechanism.roles import Role
 from bricktwin.robots.as_drawn import DrawnRobot
-from bricktwin.twin.scene import Scene
-from bricktwin.twin.sensor_places import sensor_place_mm
+from bricktwin.twin.mujoco_body import MujocoBody
+from bricktwin.twin.physics import Physics
+from bricktwin.twin.scene import OPEN_FLOOR, Scene
 
 _LENGTH_MM = 100.0
 """Longest way of a step of a robot that drives without a drive base, as that of RunAway-v0."""
@@ -99,7 +100,9 @@ def follow_line(drawn: DrawnRobot) -> Task:
     light = drawn.sensor_looking(Sense.SURFACE, "down")
     if light is None:
         raise DescriptionError("no color sensor looks down at a line")
-    ahead_mm, left_mm, above_mm = sensor_place_mm(drawn.robot, light)
+    # A body that was just made stands at the origin.
+    body = MujocoBody(drawn.robot, OPEN_FLOOR, Physics(), 0)
+    ahead_mm, left_mm, above_mm = body.sensor_place_mm(light)
     if above_mm > _SEES_FLOOR_MM:
         raise DescriptionError(
             f"its color sensor '{light}' is {above_mm:.0f} mm above the floor, too high to see a "

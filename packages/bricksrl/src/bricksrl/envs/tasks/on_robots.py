@@ -90,7 +90,7 @@ def _renamed(part: _Part, names: Mapping[str, str]) -> _Part:
     """A command or channel whose motor or sensor has the robot's name."""
     changed = {}
     for field in ("motor", "sensor"):
-        name = getattr(part, field, None)
+        name: str = getattr(part, field, "")
         if name in names:
             changed[field] = names[name]
     return replace(part, **changed) if changed else part

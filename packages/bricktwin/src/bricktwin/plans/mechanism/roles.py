@@ -32,32 +32,60 @@ class Role(enum.StrEnum):
 
 def roles_of(plan: Plan, articulation: Articulation) -> dict[str, Role]:
     """The role of each motor that moves something, by its port."""
-    rolling = {wheel.link for wheel in articulation.wheels}
-    drives = articulation.drives
-    moved = {drive.port: moved_by(articulation, drive) for drive in drives}
     roles: dict[str, Role] = {}
-    for drive in drives:
-        is_upright = abs(drive.joint.axis[2]) > _LEVEL_COSINE
-        if drive.joint.child in rolling and not is_upright:
-            roles[drive.port] = Role.WHEEL
-        elif moved[drive.port] & rolling and is_upright:
-            roles[drive.port] = Role.STEERING
-        else:
-            roles[drive.port] = Role.JOINT
+    for drive in articulation.drives:
+        roles[drive.port] = _role_beside_wheels(articulation, drive)
     # A robot that rolls does not walk: what reaches the floor beside its wheels is a tool.
     if articulation.wheels or articulation.is_fixed:
         return roles
-    all_moved = set().union(*moved.values()) if moved else set()
-    at_rest = set(range(len(articulation.bodies))) - all_moved
-    floor_m = min(_lowest_m(plan, articulation, body) for body in range(len(articulation.bodies)))
-    underside_m = min(_lowest_m(plan, articulation, body) for body in at_rest)
-    for drive in drives:
-        lowest_m = _lowest_on_its_way_m(plan, articulation, drive)
-        feet_m = min(_lowest_m(plan, articulation, body) for body in moved[drive.port])
-        is_linked_foot = feet_m < min(floor_m + _CRANK_M, underside_m + _ROUNDING_M)
-        if lowest_m < underside_m - _ROUNDING_M or is_linked_foot:
+    underside_m = _underside_m(plan, articulation)
+    for drive in articulation.drives:
+        if _is_leg(plan, articulation, drive, underside_m):
             roles[drive.port] = Role.LEG
     return roles
+
+
+def _role_beside_wheels(articulation: Articulation, drive: Drive) -> Role:
+    """What a motor moves of a robot that rolls."""
+    rolling = {wheel.link for wheel in articulation.wheels}
+    is_upright = abs(drive.joint.axis[2]) > _LEVEL_COSINE
+    if drive.joint.child in rolling and not is_upright:
+        return Role.WHEEL
+    carries_wheels = bool(moved_by(articulation, drive) & rolling)
+    if carries_wheels and is_upright:
+        return Role.STEERING
+    return Role.JOINT
+
+
+def _underside_m(plan: Plan, articulation: Articulation) -> float:
+    """Height of the lowest point of what no motor moves, as drawn."""
+    moved: set[int] = set()
+    for drive in articulation.drives:
+        moved |= moved_by(articulation, drive)
+    lowest_m = np.inf
+    for body in range(len(articulation.bodies)):
+        if body not in moved:
+            lowest_m = min(lowest_m, _lowest_m(plan, articulation, body))
+    return lowest_m
+
+
+def _is_leg(
+    plan: Plan,
+    articulation: Articulation,
+    drive: Drive,
+    underside_m: float,
+) -> bool:
+    """Whether what a motor turns comes below everything that stays where it is."""
+    if _lowest_on_its_way_m(plan, articulation, drive) < underside_m - _ROUNDING_M:
+        return True
+    # The feet of a linkage do not turn about the motor's axis: where they are drawn has to do.
+    floor_m = np.inf
+    for body in range(len(articulation.bodies)):
+        floor_m = min(floor_m, _lowest_m(plan, articulation, body))
+    feet_m = np.inf
+    for body in moved_by(articulation, drive):
+        feet_m = min(feet_m, _lowest_m(plan, articulation, body))
+    return feet_m < floor_m + _CRANK_M and feet_m < underside_m + _ROUNDING_M
 
 
 def moved_by(articulation: Articulation, drive: Drive) -> set[int]:
@@ -67,20 +95,30 @@ def moved_by(articulation: Articulation, drive: Drive) -> set[int]:
     for geared in articulation.geared:
         if geared.port == drive.port:
             moved.add(geared.joint.child)
-    by_motors = {other.joint.child for other in articulation.drives}
-    carried = [(joint.parent, joint.child) for joint in articulation.joints]
-    # What is linked goes both ways, unlike what is carried. Whatever is linked to the chassis would
-    # else count as moved, and so would the part of another motor that a leg is linked to.
-    linked = carried + [(loop.parent, loop.child) for loop in articulation.loops]
-    linked += [(rod.near, rod.far) for rod in articulation.rods]
-    linked += [(far, near) for near, far in linked]
-    linked = [(near, far) for near, far in linked if far != 0 and far not in by_motors]
+    ways = _ways(articulation)
     grows = True
     while grows:
-        reached = {far for near, far in (*carried, *linked) if near in moved}
+        reached = {far for near, far in ways if near in moved}
         grows = not reached <= moved
         moved |= reached
     return moved
+
+
+def _ways(articulation: Articulation) -> list[tuple[int, int]]:
+    """Pairs of bodies of which the first takes the second along when it moves."""
+    carried = [(joint.parent, joint.child) for joint in articulation.joints]
+    linked = [(loop.parent, loop.child) for loop in articulation.loops]
+    linked += [(rod.near, rod.far) for rod in articulation.rods]
+    # What is linked goes both ways, and what hangs on a leg takes along the leg.
+    both_ways = [*carried, *linked, *((far, near) for near, far in (*carried, *linked))]
+    by_motors = {drive.joint.child for drive in articulation.drives}
+    ways = list(carried)
+    for near, far in both_ways:
+        # Whatever is linked to the chassis would else count as moved, and so would the part of
+        # another motor that a leg is linked to.
+        if far != 0 and far not in by_motors:
+            ways.append((near, far))
+    return ways
 
 
 def _lowest_m(
@@ -89,8 +127,11 @@ def _lowest_m(
     body: int,
 ) -> float:
     """Height of a body's lowest point, as drawn; infinite for a body without parts."""
-    heights = [_corners_m(plan.parts[part])[:, 2].min() for part in _parts(articulation, body)]
-    return float(min(heights, default=np.inf))
+    lowest_m = np.inf
+    for part in _parts(articulation, body):
+        heights_m = _corners_m(plan.parts[part])[:, 2]
+        lowest_m = min(lowest_m, float(heights_m.min()))
+    return lowest_m
 
 
 def _lowest_on_its_way_m(
@@ -107,8 +148,9 @@ def _lowest_on_its_way_m(
     for part in _parts(articulation, drive.joint.child):
         offsets_m = _corners_m(plan.parts[part]) - point_m  # [n, 3]
         along_m = offsets_m @ axis  # [n]
-        radii_m = np.linalg.norm(offsets_m - along_m[:, None] * axis, axis=1)
-        heights_m = point_m[2] + along_m * axis[2] - radii_m * level
+        across_m = offsets_m - along_m[:, None] * axis  # [n, 3]
+        radii_m = np.linalg.norm(across_m, axis=1)  # [n]
+        heights_m = point_m[2] + along_m * axis[2] - radii_m * level  # [n]
         lowest_m = min(lowest_m, float(heights_m.min()))
     return lowest_m
 
