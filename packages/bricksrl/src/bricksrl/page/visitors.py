@@ -118,7 +118,7 @@ class Visitors:
         return [visitor for visitor in self._known.values() if visitor.tabs]
 
     def described(self) -> dict[str, Any]:
-        """Who is here, whether somebody's connection broke, and whether anybody has come at all, for
+        """Who is here, whether somebody's connection broke, and whether anybody has ever come, for
         the start page."""
         away = [visitor for visitor in self._known.values() if not visitor.tabs]
         return {
