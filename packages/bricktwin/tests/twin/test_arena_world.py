@@ -9,6 +9,9 @@ import numpy as np
 import pytest
 
 from brickhub.errors import TwinError
+from brickhub.hub.link.lockstep import HubLink
+from brickhub.target import whole_interface
+from brickhub.virtual.virtual_transport import VirtualHub
 from bricktwin.robots import SCOUT, TWO_WHEELER
 from bricktwin.twin.arena import Arena, ArenaWorld, Contestant, Place
 from bricktwin.twin.scene import OPEN_FLOOR
@@ -64,6 +67,36 @@ def test_hub_that_is_interrupted_stops_no_other(world: ArenaWorld) -> None:
     assert world.time_ms == 500
     one.advance_to(600)
     assert world.time_ms == 600
+
+
+def test_hub_that_ends_while_another_waits_for_it_has_time(world: ArenaWorld) -> None:
+    """A program that is interrupted stops its motors one by one, which takes longer than it was to
+    run."""
+    one, two = world.bodies
+    world.runners = [lambda ms: None, lambda ms: two.advance_to(ms + 50)]
+    one.advance_to(10)
+    assert world.time_ms == 60
+
+
+@pytest.mark.parametrize("order", [(0, 1), (1, 0)])
+def test_hub_that_is_stopped_runs_no_other(world: ArenaWorld, order: tuple[int, int]) -> None:
+    """Hubs run one another while their programs wait; a stop lets no time pass for any of them."""
+    hubs = [VirtualHub(body) for body in world.bodies]
+    world.runners = [hub.run_on_until for hub in hubs]
+    links = []
+    for hub, body in zip(hubs, world.bodies, strict=True):
+        links.append(HubLink(hub, body.robot, whole_interface(body.robot)))
+        links[-1].open()
+    for _ in range(3):
+        for link in links:
+            link.send([30.0, 30.0])
+        for link in links:
+            link.receive()
+    before_ms = world.time_ms
+    for number in order:
+        links[number].close()
+    assert world.time_ms == before_ms
+    assert not any(hub.machine.is_driven for hub in hubs)
 
 
 def test_robots_start_in_their_places(world: ArenaWorld) -> None:

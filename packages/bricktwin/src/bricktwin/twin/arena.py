@@ -366,8 +366,10 @@ class ArenaWorld:
         self._target_ms[number] = time_ms
         try:
             while self.time_ms < time_ms:
-                # No further than the nearest target, at which that hub may set a voltage.
-                next_ms = min(self._target_ms.values())
+                # No further than the nearest target, at which that hub may set a voltage. One that
+                # is reached holds nobody up: its hub waits for one that is ending its program.
+                ahead = [target for target in self._target_ms.values() if target > self.time_ms]
+                next_ms = min(ahead)
                 for other, run in enumerate(self.runners):
                     if other not in self._target_ms and self.time_ms < next_ms:
                         run(next_ms)
