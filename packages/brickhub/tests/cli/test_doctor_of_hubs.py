@@ -104,3 +104,11 @@ def test_missing_or_old_packages(monkeypatch: pytest.MonkeyPatch) -> None:
     assert outcome is Outcome.ERROR
     assert "is not >=99; nowhere-to-be-found is missing; run `pip install" in detail
     assert detail.startswith("greenlet ") and "extra-thing" not in detail
+
+
+def test_longest_timeout_is_allowed(capfd, fails, monkeypatch) -> None:
+    monkeypatch.setattr(doctor.Doctor, "checks", {"python": doctor.check_python})
+    longest_s = doctor._MAX_TIMEOUT_S
+    assert main(("doctor", "--timeout-s", f"{longest_s}", "--json")) == 0
+    capfd.readouterr()
+    fails("doctor", "--timeout-s", f"{2 * longest_s}", says="give a positive number of up to")

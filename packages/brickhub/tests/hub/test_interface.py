@@ -58,3 +58,15 @@ def test_interfaces_are_values(item: Command | Channel) -> None:
     assert hash(item) == hash(dataclasses.replace(item))
     with pytest.raises(dataclasses.FrozenInstanceError):
         item.low = 0  # type: ignore[misc, union-attr]
+
+
+def test_nominal_range_is_exceeded_as_far_as_the_wire_goes() -> None:
+    """What reads more than its nominal range still fits the 16 bits, at the channel's scale."""
+    for channel in CHANNELS:
+        if channel.limits is None:
+            continue
+        low, high = channel.limits
+        assert low == -high and high >= channel.high
+        assert high * channel.scale == pytest.approx(2**15, rel=1e-3)
+    scales = {channel.scale for channel in CHANNELS if channel.limits is not None}
+    assert scales - {1}, "one of them has a scale"

@@ -231,3 +231,15 @@ def test_imu_at_rest(world: World) -> None:
     imu = world.report(world.double, "imu")[0]
     assert (imu["face"], imu["yaw"], imu["gz"]) == (0, 0, 0)
     assert math.hypot(imu["ax"], imu["ay"], imu["az"]) == pytest.approx(1000, abs=2)
+
+
+def test_acceleration_is_that_of_the_message(world: World) -> None:
+    """A tenth of the acceleration takes longer to the same angle; 0 is as little as there is."""
+    angles = []
+    for percent in (100, 10, 0):
+        world.send(world.single, encode("set_acceleration", 1, percent, percent))
+        world.send(world.single, encode("reset_position", 1, 0))
+        world.send(world.single, encode("run", 1, 0), ms=300)
+        angles.append(world.report(world.single, "motor")[0]["position"])
+        world.send(world.single, encode("stop", 1), ms=1000)
+    assert angles[0] > 2 * angles[1] > 4 * angles[2]

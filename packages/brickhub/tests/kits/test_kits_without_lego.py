@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import io
 import sys
 import time
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 from kit_world import DRIVE, ROBOT
@@ -14,6 +16,7 @@ from brickhub.errors import (
     HubTimeoutError,
     MediumUnavailableError,
     ProgramError,
+    TwinError,
     UnknownNameError,
 )
 from brickhub.hub.interface import Interface, RunDuty, SensorReading, Wait
@@ -26,6 +29,8 @@ from brickhub.kits.radio import KitPart, RealRadio, lego_package, parts_of, real
 from brickhub.kits.virtual_kit import VirtualKit, virtual_robot
 from brickhub.robot import KitKind, Motor, Robot
 from brickhub.virtual.bench_body import BenchBody
+from brickhub.virtual.room import HubProgramFile, Room
+from brickhub.virtual.run import run_file
 
 
 def test_devices_of_a_robot() -> None:
@@ -48,6 +53,24 @@ def test_double_motor_has_two() -> None:
 def test_no_program_runs_on_a_device() -> None:
     with pytest.raises(ProgramError, match="runs no programs"):
         generate(ROBOT, DRIVE)
+
+
+def test_program_of_a_hub_is_refused_on_a_kit(tmp_path: Path) -> None:
+    program = tmp_path / "program.py"
+    program.write_text("from pybricks.hubs import PrimeHub\nprint(PrimeHub().battery.voltage())\n")
+    printed = io.BytesIO()
+    body = BenchBody(Robot("one", KitKind.SINGLE_MOTOR, (Motor("a", "A"),)))
+    says = "^'one' is of LEGO's kits, .* imports legoeducation[^\n]*$"
+    with pytest.raises(TwinError, match=says):
+        run_file(program, body, stdout=printed)
+    room = Room(
+        [HubProgramFile(program), HubProgramFile(program, body)],
+        stdout=printed,
+        stderr=io.StringIO(),
+    )
+    with pytest.raises(TwinError, match=says):
+        room.run()
+    assert printed.getvalue() == b""
 
 
 def test_command_without_an_end_is_refused() -> None:

@@ -4,14 +4,16 @@ them on a computer."""
 from __future__ import annotations
 
 import io
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from hub_programs import output
 
+from brickhub import robot as robots
 from brickhub.errors import DescriptionError, TwinError
 from brickhub.robot import HubKind, MotorKind, Sense, SensorKind
-from brickhub.virtual.bench_body import FittedBench
+from brickhub.virtual.bench_body import FittedBench, described_end_stops
 from brickhub.virtual.firmware.motor_model import MOTOR_TYPES
 from brickhub.virtual.firmware.servo import servo_settings
 from brickhub.virtual.given_readings import parse_device, parse_reading
@@ -142,3 +144,13 @@ def test_a_reading_is_set_by_hand_while_a_program_runs(tmp_path: Path) -> None:
     operation = Operation(readings=[parse_reading("B=green")], attend=attend)
     assert run_file(program, stdout=out, operation=operation) == 0
     assert out.getvalue() == b"Color.RED\nColor.BLUE\n"
+
+
+@pytest.mark.parametrize("stops", [(-90.0, 0.0), (0.0, 90.0), (-1.0, 1.0)])
+def test_motor_may_stand_at_an_end_stop(stops: tuple[float, float]) -> None:
+    motor = robots.Motor("arm", "A", end_stops_deg=stops)
+    robot = robots.Robot("arm", robots.HubKind.PRIME, (motor,))
+    assert described_end_stops(robot) == {"arm": stops}
+    beside = replace(motor, end_stops_deg=(stops[0] + 200.0, stops[1] + 200.0))
+    with pytest.raises(TwinError, match="but starts at 0 on the bench"):
+        described_end_stops(replace(robot, motors=(beside,)))

@@ -35,6 +35,19 @@ def test_run_in_scene_of_environment(bricksrl, tmp_path):
     assert 40 <= distances[0] <= 500 and distances[1] == 2000
 
 
+def test_surroundings_of_an_environment_are_not_dropped_where_several_share_a_world(
+    fails, tmp_path
+):
+    path = tmp_path / "look.py"
+    path.write_text("print(1)")
+    programs = ("hub", "run", str(path), str(path))
+    says = (
+        "RunAway-v0 has surroundings, and robots that share a world stand on an open floor; name "
+        "its robot alone: two-wheeler"
+    )
+    fails(*programs, "--robot", "scout", "--robot", "RunAway-v0", says=says)
+
+
 def test_run_on_unknown_robot_prints_one_line(fails, tmp_path):
     (tmp_path / "look.py").write_text("print(1)")
     fails(

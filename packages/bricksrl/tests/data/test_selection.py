@@ -135,3 +135,35 @@ def test_commands_correct_and_export(
     assert out.is_file()
     assert main(["data", "keep", str(source), "--out", str(tmp_path / "none")]) == 2
     assert "no condition is given" in capsys.readouterr().err
+
+
+def test_ending_of_the_name_says_the_format(
+    source: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "table.CSV"
+    assert main(["data", "export", str(source), "--out", str(out)]) == 0
+    assert capsys.readouterr().out == f"csv     {out}\n"
+    assert out.read_text().startswith("episode,step,")
+
+
+@pytest.mark.parametrize(
+    ("name", "options", "says"),
+    [
+        ("table.csv", ["--format", "minari"], "leave out --format, or the ending"),
+        (".csv", [], "has an ending and no name; give table.csv"),
+        (".csv", ["--format", "csv"], "has an ending and no name; give table.csv"),
+    ],
+)
+def test_name_that_is_no_table_is_refused(
+    name: str,
+    options: list[str],
+    says: str,
+    source: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    words = ["data", "export", str(source), "--out", str(tmp_path / name), *options]
+    assert main(words) == 2
+    told = capsys.readouterr().err
+    assert says in told and told.count("\n") == 1
+    assert list(tmp_path.iterdir()) == []

@@ -47,28 +47,10 @@ def test_goal_is_drawn_as_a_ghost_of_the_robot(env_id: str) -> None:
 
 
 @pytest.mark.parametrize("robot", [WALKER, TWO_WHEELER, ROBO_ARM])
-def test_pose_follows_sensors(robot) -> None:
-    """Sensor values of one twin give another the same pose."""
-    body, mirror = make_body(robot), Mirror(make_body(robot))
-    for port, voltage in zip(
-        (motor.port for motor in robot.motors), (3000, -2500, 2000, -3500), strict=False
-    ):
-        body.set_voltage(port, voltage)
-    for time_ms in range(10, 600, 10):
-        body.advance_to(time_ms)
-    body.update_visuals()
-    angles = {
-        m.name: body.angle_mdeg(m.port) / 1000 * m.direction.value * m.turn_deg / 360
-        for m in robot.motors
-    }
-    seen = sensed_qpos(mirror.body, angles, body.tilt_deg())
-    for joint in range(body.model.njnt):
-        if body.model.jnt_type[joint] == 3 and "backlash" not in body.model.joint(joint).name:
-            address = int(body.model.jnt_qposadr[joint])
-            # a rotation sensor tells whole degrees, a crank has some play
-            apart = (seen[address] - body.data.qpos[address] + np.pi) % (2 * np.pi) - np.pi
-            assert abs(apart) < np.radians(7.0), body.model.joint(joint).name
-    lowest = min(mirror.poses(seen)[:, 2])
+def test_sensed_pose_is_drawn_on_the_floor(robot) -> None:
+    mirror = Mirror(make_body(robot))
+    angles = {motor.name: 30.0 for motor in robot.motors}
+    lowest = min(mirror.poses(sensed_qpos(mirror.body, angles, (0.0, 0.0)))[:, 2])
     assert -0.01 < lowest < 0.2
 
 

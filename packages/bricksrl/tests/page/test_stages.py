@@ -99,7 +99,7 @@ def test_owner_who_is_at_the_robot_is_asked(
     ada, ben = people
     page._press("drive", "Spinning-v0", ada)
     page._jobs[0].url = "http://127.0.0.1:9/?token=x"
-    there = {} if is_frozen else {"here": [ada.key], "asleep": False}
+    there = {} if is_frozen else {"here": [ada.key], "asleep": False, "came": True}
     monkeypatch.setattr(start_page.Job, "visitors", lambda _job: there)
     page.visitors.leave(ada, closed=True)
     ada.left_s -= 100.0
@@ -201,7 +201,7 @@ def test_play_ends_when_all_its_tabs_are_closed(
         page._press(action, name, ada)
     training, play = page._jobs
     training.url = play.url = "http://127.0.0.1:9/?token=x"
-    there: dict[str, object] = {"here": ["somebody"], "asleep": False}
+    there: dict[str, object] = {"here": ["somebody"], "asleep": False, "came": True}
     monkeypatch.setattr(start_page.Job, "visitors", lambda _job: there)
     now_s = [time.monotonic()]
     monkeypatch.setattr(start_page.time, "monotonic", lambda: now_s[0])
@@ -215,6 +215,33 @@ def test_play_ends_when_all_its_tabs_are_closed(
     now_s[0] += 0.3
     page._end_deserted()
     assert not play.is_running and "closed" in play.why and training.is_running
+
+
+@pytest.mark.parametrize(("came", "ends_after_s"), [(True, 5.1), (False, 120.1)])
+def test_tab_that_was_closed_at_once_ends_its_play_too(
+    page: StartPage,
+    people: tuple[Visitor, Visitor],
+    monkeypatch: pytest.MonkeyPatch,
+    came: bool,
+    ends_after_s: float,
+) -> None:
+    """Between two looks at the play's page: it is not one that is still loading."""
+    ada, _ = people
+    page._press("play", "Walker-v1", ada)
+    (play,) = page._jobs
+    play.url = "http://127.0.0.1:9/?token=x"
+    there = {"here": [], "asleep": False, "came": came}
+    monkeypatch.setattr(start_page.Job, "visitors", lambda _job: there)
+    now_s = [time.monotonic()]
+    monkeypatch.setattr(start_page.time, "monotonic", lambda: now_s[0])
+    page.visitors.leave(ada, closed=True)
+    page._end_deserted()
+    now_s[0] += ends_after_s - 0.2
+    page._end_deserted()
+    assert play.is_running
+    now_s[0] += 0.3
+    page._end_deserted()
+    assert not play.is_running
 
 
 def test_run_that_vanishes_does_not_end_the_refreshing(
@@ -275,7 +302,9 @@ def test_page_of_this_computer_is_asked_without_the_proxy(
     page._press("drive", "Spinning-v0")
     with PageServer(Board(), lambda *_: None, lambda: None) as other:
         page._jobs[0].url = other.url
-        assert page._jobs[0].visitors() == {"here": [], "asleep": False}
+        assert page._jobs[0].visitors() == {"here": [], "asleep": False, "came": False}
+        other.visitors.leave(other.visitors.arrive("a", "Ada"), closed=True)
+        assert page._jobs[0].visitors() == {"here": [], "asleep": False, "came": True}
 
 
 @pytest.mark.parametrize(

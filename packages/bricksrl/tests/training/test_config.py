@@ -148,3 +148,37 @@ def test_numpy_numbers_in_settings_become_plain() -> None:
     for rate in np.logspace(-4, -3, 2):
         config = TrainConfig("RunAway-v0", settings=replace(settings, learning_rate=rate))
         assert (type(config.settings.learning_rate), config.settings.learning_rate) == (float, rate)
+
+
+FLEET = {"hub": "ble:A,ble:B"}
+FROM_DATA = {"data": "datasets/walk", "updates": 100, "episodes": 10}
+
+
+@pytest.mark.parametrize(
+    ("alone", "together"),
+    [
+        ({"name": "a" * 40}, {"name": "a" * 41}),
+        ({"name": "Anna B."}, {"name": "Anna\nB."}),
+        ({"realtime": True, "num_envs": 1}, {"realtime": True, "num_envs": 2}),
+        ({"hub": "ble:A", "num_envs": 1}, {"hub": "ble:A", "num_envs": 2}),
+        ({"num_envs": 2}, {**FROM_DATA, "num_envs": 2}),
+        ({"asynchronous": True}, {"asynchronous": True, "num_envs": 2}),
+        (FROM_DATA, {**FROM_DATA, "data": None}),
+        ({"data": None}, {"data": "datasets/walk"}),
+        (FROM_DATA, {**FROM_DATA, "demonstrations": "datasets/walk"}),
+        ({**FROM_DATA, "episodes": 100}, {**FROM_DATA, "episodes": 101}),
+        ({"robots": 2}, {"robots": 2, "hub": "ble:A"}),
+        ({"robots": 1, "hub": "ble:A"}, {"robots": 2, "hub": "usb"}),
+        (FLEET, {"hub": "ble:A,ble:A"}),
+        (FLEET, {"hub": "ble:A,ble"}),
+        (FLEET, {**FLEET, "eval_every": 1}),
+        ({"eval_every": 1, "robots": 1}, {"eval_every": 1, "robots": 2}),
+        ({"num_envs": 2, "robots": 1}, {"num_envs": 2, "robots": 2}),
+        (FROM_DATA, {**FROM_DATA, "robots": 2}),
+    ],
+)
+def test_what_excludes_what(alone: dict[str, Any], together: dict[str, Any]) -> None:
+    """The first is a run, and one step beyond it is none."""
+    TrainConfig(env="RunAway-v0", **alone)
+    with pytest.raises(RunError, match="; (omit|give|train)"):
+        TrainConfig(env="RunAway-v0", **together)

@@ -322,6 +322,7 @@ def test_second_ctrl_c_does_not_wait_for_the_step(config: TrainConfig) -> None:
     result = train(config, Recorder((4, 2), twice), env=Cart())
     assert result.interrupted
     assert len(result.episodes) == 3
+    assert (result.updates_per_step, result.caught_up) == (None, 0), "nothing is said of a part"
 
 
 class BrokenCart(Cart):

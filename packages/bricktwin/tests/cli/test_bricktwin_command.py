@@ -108,6 +108,7 @@ def test_robot_in_a_users_file_has_a_body(bricktwin, program: Path, tmp_path: Pa
         (("--robot", "rover.ldr"), "rover.ldr: No such file or directory in"),
         (("--robot", "nowhere.py"), "no file nowhere.py"),
         (("--robot", "walker", "--reading", "B=red"), "--robot bench"),
+        (("--robot", "cart"), "'cart' is of LEGO's kits"),
         (("--robot", "bench", "--video", "a.mp4"), "nothing to see of robot 'bench'"),
         (("--hub", "ble", "--video", "a.mp4"), "leave out --hub, or --video"),
     ],
@@ -280,3 +281,13 @@ def test_robots_of_several_programs_share_a_world(bricktwin, fails, tmp_path: Pa
     fails("run", *files, "--robot", "robo-arm", "--robot", "scout", says="stands on a fixed base")
     fails("run", files[0], *robots, says="--robot is named 2 times for one program")
     fails("run", *files, *robots, "--scene", "maze", says="several hubs have no --scene")
+
+
+def test_surroundings_of_a_robot_are_not_dropped_where_several_share_a_world(
+    fails, program: Path, tmp_path: Path
+) -> None:
+    rover = tmp_path / "rover.py"
+    rover.write_text(ROVER)
+    robots = ("--robot", "scout", "--robot", str(rover))
+    says = f"{rover} has surroundings, and robots that share a world stand on an open floor"
+    fails("run", str(program), str(program), *robots, says=says)

@@ -117,3 +117,18 @@ def test_two_equal_chains_turn_together():
     )
     assert len(chain_meshes(plan.parts)) == 2
     assert structure_of(plan).bodies.motions().shape[1] == 1
+
+
+def test_gear_across_a_chain_is_not_turned():
+    """Its middle is in the plane of the chain, and links lie on its teeth, but its axle does not
+    point as theirs do."""
+    gears = [PLATE, *shaft(0, -80, "3648b"), *shaft(0, 80, "3648b")]
+    links = chain((0, -80, 24), (0, 80, 24), -20)
+    plan = plan_of(*gears, *links)
+    (mesh,) = chain_meshes(plan.parts)
+    upright = plan.parts[mesh.first]
+    x, y, z = upright.position
+    across = f"1 4 {x:g} {y:g} {z:g} 1 0 0 0 1 0 0 0 1 3648b.dat"
+    lines = [line for line in gears if f" {x:g} {y:g} {z:g} " not in line]
+    assert len(lines) == len(gears) - 1
+    assert chain_meshes(plan_of(*lines, across, *links).parts) == []

@@ -17,7 +17,7 @@ import brickhub
 import bricktwin
 from benchmarks import tab_motion
 from brickhub.errors import TwinError
-from brickhub.robot import Robot
+from brickhub.robot import HubKind, Motor, Robot
 from brickhub.virtual.run import run_file
 from bricktwin.robots import BENCH, ROBO_ARM, SCOUT, TWO_WHEELER, WALKER
 from bricktwin.robots.planned import robot_of_plan
@@ -34,6 +34,7 @@ from bricktwin.twin.objects import Block, Field, Lamp, Line, Picture, Ramp, Wall
 from bricktwin.twin.physics import Physics, RandomPhysics
 from bricktwin.twin.scene import OPEN_FLOOR, Scene
 
+_MESH = mujoco.mjtGeom.mjGEOM_MESH
 HERE = Path(__file__).parent
 EXAMPLES = HERE.parents[3] / "examples"
 ROOM = Scene(
@@ -165,6 +166,45 @@ def test_plain_values_are_read_as_they_were() -> None:
 def test_robot_without_a_model_is_refused() -> None:
     with pytest.raises(TwinError, match="lies on the bench"):
         robot_file(BENCH)
+
+
+TRAY = """
+<mujoco>
+  <asset><mesh name="wedge" vertex="0 0 0 .02 0 0 0 .02 0 0 0 .02"/></asset>
+  <worldbody>
+    <body name="tray" pos="0 0 0.1">
+      <freejoint/>
+      <geom type="box" size="0.06 0.05 0.01" mass="0.3"/>
+      <geom name="hits" type="mesh" mesh="wedge" mass="0.01" contype="1" conaffinity="0"/>
+      <geom name="is_hit" type="mesh" mesh="wedge" mass="0.01" contype="0" conaffinity="1"/>
+      <geom name="paired" type="mesh" mesh="wedge" mass="0.01" contype="0" conaffinity="0"/>
+      <geom name="seen" type="mesh" mesh="wedge" mass="0.01" contype="0" conaffinity="0"/>
+      <body name="arm" pos="0 0 0.05">
+        <joint name="arm" axis="0 0 1"/>
+        <geom name="finger" size="0.01" mass="0.02" contype="0" conaffinity="0"/>
+      </body>
+    </body>
+  </worldbody>
+  <contact><pair geom1="finger" geom2="paired"/></contact>
+</mujoco>
+"""
+
+
+def test_meshes_that_may_touch_something_stay_and_others_go(tmp_path: Path) -> None:
+    path = tmp_path / "tray.xml"
+    path.write_text(TRAY)
+    robot = Robot("tray", HubKind.PRIME, motors=(Motor("arm", "A"),), model=str(path))
+    ours = robot_model(robot, OPEN_FLOOR)
+    theirs = mujoco.MjModel.from_xml_string(robot_file(robot)["mjcf"])
+
+    def meshes(model: mujoco.MjModel) -> set[str]:
+        kinds = zip(range(model.ngeom), model.geom_type, strict=True)
+        return {model.geom(number).name for number, kind in kinds if kind == _MESH}
+
+    assert meshes(ours) == {"hits", "is_hit", "paired", "seen"}
+    assert meshes(theirs) == {"hits", "is_hit", "paired"}
+    tray = theirs.body("tray")
+    assert tray.mass[0] == pytest.approx(0.34), "what is only seen weighs, too"
 
 
 # ---------------------------------------------------------------- in Node.js

@@ -228,6 +228,11 @@ def run_file(
             "readings, start angles and devices on ports are for the bench, and a body has its end "
             "stops; omit them, or take --robot bench"
         )
+    elif not body.robot.hub.model.runs_programs:
+        raise TwinError(
+            f"'{body.robot.name}' is of LEGO's kits, whose devices run no program of a hub; take "
+            "one that imports legoeducation, or a robot with a hub"
+        )
     else:
         machine = Machine(body, Panel(body.robot.hub, operation.presses))
     machine.firmware = firmware

@@ -227,6 +227,9 @@ class VirtualHub:
             try:
                 # While Python ends, greenlets cannot switch any more.
                 if not program.dead and not sys.is_finalizing():
+                    # At its end it comes back here: who ran it last may be another hub's program,
+                    # which would go on.
+                    program.parent = getcurrent()
                     # No time may pass here, because other hubs of the same world do not run now.
                     with self.machine.stopping():
                         program.throw(_Stopped)

@@ -223,3 +223,59 @@ def test_drive_base_needs_two_free_equal_motors() -> None:
         machine.servos[port].setup(Direction.CLOCKWISE, 1000, reset_angle=True, profile_deg=0)
     with pytest.raises(ValueError, match="wheel diameter"):
         machine.new_drive_base(machine.servos["C"], machine.servos["D"], 10, 130_000)
+
+
+COMMANDS = {
+    "run": lambda motor: motor.run(100),
+    "run_time": lambda motor: motor.run_time(100, 5000, OnCompletion.HOLD),
+    "run_until_stalled": lambda motor: motor.run_until_stalled(100, OnCompletion.COAST, None),
+    "run_angle": lambda motor: motor.run_angle(100, 360, OnCompletion.HOLD),
+    "run_target": lambda motor: motor.run_target(100, 3600, OnCompletion.HOLD),
+    "track_target": lambda motor: motor.track_target(3600),
+    "dc": lambda motor: motor.dc(20),
+    "hold": lambda motor: motor.stop(OnCompletion.HOLD),
+    "brake": lambda motor: motor.brake(),
+    "coast": lambda motor: motor.stop(OnCompletion.COAST),
+}
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_command_of_a_motor_ends_its_drive_base(command: str) -> None:
+    drive = base()
+    drive.drive(150, 0)
+    drive.left.clock.advance(1000)
+    assert drive.right.speed_deg_s() > 200
+    COMMANDS[command](drive.left)
+    drive.left.clock.advance(2000)
+    assert drive.right.speed_deg_s() == pytest.approx(0, abs=5), "the other wheel stops"
+
+
+@pytest.mark.parametrize("command", sorted(COMMANDS.keys() - {"dc", "brake"}))
+def test_closed_motor_takes_no_command(command: str) -> None:
+    motor = servo()
+    motor.close()
+    with pytest.raises(OSError, match="the motor is not in use"):
+        COMMANDS[command](motor)
+
+
+@pytest.mark.parametrize(
+    ("radius_mm", "angle_deg", "distance_mm", "turn_deg"),
+    [
+        (200, 90, 314, 90),
+        (200, -90, 314, -90),
+        (-200, 90, -314, -90),
+        (-200, -90, -314, 90),
+        (0, 90, 0, 90),
+        (0, -90, 0, -90),
+    ],
+)
+def test_signs_of_a_curve(
+    radius_mm: int, angle_deg: int, distance_mm: float, turn_deg: float
+) -> None:
+    """The radius says whether it drives forward, the angle to which side it turns of its way."""
+    drive = base()
+    drive.curve(radius_mm, angle_deg, OnCompletion.HOLD)
+    drive.left.clock.advance(5000)
+    distance, _, angle, _ = drive.state()
+    assert distance == pytest.approx(distance_mm, abs=6)
+    assert angle == pytest.approx(turn_deg, abs=2)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 import pytest
+from hub_programs import output
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -72,3 +73,28 @@ def test_cone_of_lightness_and_chroma(measured, candidates):
     found = math.dist(place(measured), place(candidates[nearest(measured, candidates)]))
     best = min(math.dist(place(measured), place(candidate)) for candidate in candidates)
     assert found <= best + 700, "the firmware's sine is off by up to 1.7 % of the radius, twice"
+
+
+def test_palette_takes_colors_alone() -> None:
+    """A program gives it colors of its own, by name."""
+    source = """
+from pybricks.parameters import Color
+Color["MINE"] = Color(30, 50, 60)
+print(Color["MINE"])
+try:
+    Color["OTHER"] = 3
+except TypeError as error:
+    print(error)
+del Color["MINE"]
+for name in ("MINE", "OTHER"):
+    try:
+        Color[name]
+    except KeyError:
+        print("no", name)
+"""
+    assert output(source).splitlines() == [
+        "Color.MINE",
+        "can't convert int to Color",
+        "no MINE",
+        "no OTHER",
+    ]

@@ -4,16 +4,16 @@ datasets."""
 from collections.abc import Callable
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, get_args
 
 from tyro.conf import Positional
 
 from brickhub.cli.terminal import print_line
 from brickhub.fields import Count, Range
 from brickhub.files import folder_with, only_writer, quoted
-from brickhub.options import Existing, Flag, Seed, option
+from brickhub.options import Existing, Flag, Seed, option, parsed
 from bricksrl.cli.terminal import load_learning
-from bricksrl.data.csv_files import export_csv
+from bricksrl.data.csv_files import export_csv, is_one_table
 from bricksrl.data.dataset import Dataset, dataset_folder, existing_dataset, read_dataset
 from bricksrl.data.edit import merge, salvage, select, split
 from bricksrl.data.formats import (
@@ -34,6 +34,14 @@ DatasetArgument = Annotated[
     option(metavar="DIR", help="Folder of the dataset."),
     Existing(existing_dataset),
 ]
+
+
+YesOrNo = Annotated[
+    Literal["yes", "no"] | None,
+    parsed(str, "yes|no", choices=("yes", "no")),
+    option(),
+]
+Format = Literal["minari", "csv"]
 
 
 @dataclass(frozen=True)
@@ -196,9 +204,9 @@ class _Conditions:
     """Folder of the new dataset, which must not exist; the old one is not changed."""
     episodes: Annotated[str, option(metavar="0-9,12")] = ""
     """Numbers of episodes, which begin at 0, with ranges."""
-    success: Annotated[Literal["yes", "no"] | None, option(metavar="yes|no")] = None
+    success: YesOrNo = None
     """Those in which the task was solved, or was not."""
-    whole: Annotated[Literal["yes", "no"] | None, option(metavar="yes|no")] = None
+    whole: YesOrNo = None
     """Those that ran to their end, or were broken off."""
     return_min: Annotated[float | None, option(metavar="RETURN")] = None
     """Those with at least this return."""
@@ -298,7 +306,7 @@ class ExportData:
     the dataset itself.
 
     Examples:
-      bricksrl data export datasets/walker --format csv --out walker.csv
+      bricksrl data export datasets/walker --out walker.csv
       bricksrl data export datasets/walker --format csv --out walker_csv
       bricksrl data export datasets/walker --out ~/.minari/datasets/lego/walker-v0
     """
@@ -307,16 +315,27 @@ class ExportData:
     out: Annotated[Path, option(metavar="PATH")]
     """Folder to write, which must not exist; a name that ends in .csv is one file with all
     episodes."""
-    format: Literal["minari", "csv"] = "minari"
-    """Format to write: csv has a file an episode, without images."""
+    format: Annotated[
+        Format | None,
+        parsed(str, "FORMAT", choices=get_args(Format)),
+        option(),
+    ] = None
+    """Format to write: csv has a file an episode, without images. By default csv for a name that
+    ends in .csv, else minari."""
 
     def execute(self) -> None:
-        if self.format == "csv":
+        is_table = is_one_table(self.out)
+        if is_table and self.format == "minari":
+            raise DataError(
+                f"{self.out} would be a folder of Minari's; leave out --format, or the ending"
+            )
+        chosen = self.format or ("csv" if is_table else "minari")
+        if chosen == "csv":
             export_csv(self.dataset, self.out)
         else:
             load_learning()
             export_minari(self.dataset, self.out)
-        print_line(f"{self.format:7} {self.out}")
+        print_line(f"{chosen:7} {self.out}")
 
 
 def _look_for_shared(path: Path) -> None:

@@ -13,8 +13,10 @@ from brickhub.files import atomic_folder, write_durably
 from bricksrl.data.dataset import Dataset, Episode, EpisodeRow, read_dataset, refuse_target
 from bricksrl.data.reader import EpisodeReader
 from bricksrl.data.schema import ACTION, NEXT, OBSERVATION
+from bricksrl.errors import DataError
 
 Cell = str | int
+_ENDING = ".csv"
 _AFTER = ("next.reward", "next.terminated", "next.truncated", "intervention")
 """Columns behind observation and action, by their names in the dataset."""
 _CLOCK = "hub_time_s"
@@ -31,13 +33,16 @@ def export_csv(path: Path, out: Path) -> None:
     columns behind the observation are empty.
 
     Raises:
-        DataError: the dataset cannot be read, or ``out`` exists.
+        DataError: the dataset cannot be read, or ``out`` exists, or is an ending alone.
     """
     refuse_target(out)
+    # A file of that name would be hidden.
+    if out.name.lower() == _ENDING:
+        raise DataError(f"{out} has an ending and no name; give table{_ENDING}")
     dataset = read_dataset(path)
     read = EpisodeReader(dataset, images=False).read
     header = _header(dataset)
-    if out.suffix.lower() == ".csv":
+    if is_one_table(out):
         lines: list[Sequence[Cell]] = [header]
         for row in dataset.rows:
             lines += _lines(read(row), row, dataset)
@@ -48,6 +53,11 @@ def export_csv(path: Path, out: Path) -> None:
             lines = [header, *_lines(read(row), row, dataset)]
             path_of_episode = folder / f"episode-{row.episode:03}.csv"
             path_of_episode.write_bytes(_text(lines))
+
+
+def is_one_table(out: Path) -> bool:
+    """Whether the name is that of one CSV file, and not of a folder."""
+    return out.name.lower().endswith(_ENDING)
 
 
 def _header(dataset: Dataset) -> list[str]:

@@ -521,9 +521,10 @@ class StartPage(PageServer):
                 job.owner.left_s = now_s
                 if self._seats.holder(_seat(job)) is None:
                     self._seats.take(_seat(job), job.owner)
+            # A tab may have come and gone since the last look.
+            job.is_seen = job.is_seen or bool(seen.get("came"))
             if seen.get("here") or job.owner.tabs or not seen:
                 job.empty_s = None
-                job.is_seen = job.is_seen or bool(seen.get("here"))
                 continue
             job.empty_s = job.empty_s or now_s
             # A closed tab is closed; a phone in a pocket, or a page that is still loading, comes.

@@ -118,11 +118,13 @@ class Visitors:
         return [visitor for visitor in self._known.values() if visitor.tabs]
 
     def described(self) -> dict[str, Any]:
-        """Who is here, and whether somebody's connection broke, for the start page."""
+        """Who is here, whether somebody's connection broke, and whether anybody has ever come, for
+        the start page."""
         away = [visitor for visitor in self._known.values() if not visitor.tabs]
         return {
             "here": [visitor.key for visitor in self.here()],
             "asleep": any(visitor.is_asleep for visitor in away),
+            "came": self._count > 0,
         }
 
     def _forget(self) -> None:

@@ -20,6 +20,7 @@ from brickhub.options import Existing, option
 from brickhub.user_files import check_there
 
 if TYPE_CHECKING:
+    from brickhub.robot import Robot
     from brickhub.target import Target
     from brickhub.virtual.body import Body
     from brickhub.virtual.room import Room
@@ -116,6 +117,7 @@ class Run(run.Run):
 
         from brickhub.robot import BENCH
         from bricktwin.twin.arena import Arena, ArenaWorld, Contestant, Place
+        from bricktwin.twin.scene import OPEN_FLOOR
 
         contestants = []
         for number, name in enumerate(self.robot):
@@ -126,6 +128,8 @@ class Run(run.Run):
                     "a bench has no body to share a world with robots; name robots alone, or omit "
                     "--robot"
                 )
+            if target.scene not in (None, OPEN_FLOOR):
+                raise DescriptionError(_has_surroundings(name, robot))
             y_m = number * _APART_M
             place = Place(y_m=(y_m, y_m))
             contestants.append(Contestant(f"robot{number + 1}", robot, place))
@@ -147,6 +151,19 @@ class Run(run.Run):
         from bricktwin.twin.render.video import filmed
 
         return self.faulty(stack.enter_context(filmed(body, self.video)))
+
+
+def _has_surroundings(name: str, robot: Robot) -> str:
+    """The message for a robot whose surroundings several robots would not share."""
+    from bricktwin.robots import ROBOTS
+
+    # An environment's robot has a name of its own; a file's scene can only go elsewhere.
+    remedy = "take the scene out of the file"
+    if robot in ROBOTS.values():
+        remedy = f"name its robot alone: {robot.name}"
+    return (
+        f"{name} has surroundings, and robots that share a world stand on an open floor; {remedy}"
+    )
 
 
 def motors_without_stops(body: Body | None, program: Path) -> list[str]:

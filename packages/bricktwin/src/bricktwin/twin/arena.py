@@ -364,15 +364,20 @@ class ArenaWorld:
         that time."""
         # Running another hub comes here again, for that hub: those that wait have a target.
         self._target_ms[number] = time_ms
-        while self.time_ms < time_ms:
-            # No further than the nearest target, at which that hub may set a voltage.
-            next_ms = min(self._target_ms.values())
-            for other, run in enumerate(self.runners):
-                if other not in self._target_ms and self.time_ms < next_ms:
-                    run(next_ms)
-            if self.time_ms < next_ms:
-                self._advance_to(next_ms)
-        del self._target_ms[number]
+        try:
+            while self.time_ms < time_ms:
+                # No further than the nearest target, at which that hub may set a voltage. One that
+                # is reached holds nobody up: its hub waits for one that is ending its program.
+                ahead = [target for target in self._target_ms.values() if target > self.time_ms]
+                next_ms = min(ahead)
+                for other, run in enumerate(self.runners):
+                    if other not in self._target_ms and self.time_ms < next_ms:
+                        run(next_ms)
+                if self.time_ms < next_ms:
+                    self._advance_to(next_ms)
+        finally:
+            # A hub that was interrupted waits no more: the others would wait for it for ever.
+            del self._target_ms[number]
 
     def _advance_to(self, time_ms: int) -> None:
         remaining = time_ms * 2 // 5 - self.steps  # steps of 2.5 ms

@@ -53,7 +53,7 @@ def test_larger_stacks_hold_more_calls() -> None:
 
 def test_page_says_how_many() -> None:
     text = " ".join(
-        (Path(__file__).parents[4] / "docs" / "virtual_hub.md").read_text(encoding="utf-8").split()
+        (Path(__file__).parents[5] / "docs" / "virtual_hub.md").read_text(encoding="utf-8").split()
     )
     assert all(
         re.search(rf"\b{most_nested_calls(hub)} on an? {hub.value}\b", text, re.IGNORECASE)

@@ -24,7 +24,7 @@ _DRIVE = (
     "left, right = Motor(Port.A), Motor(Port.B)\n"
     "base = DriveBase(left, right, wheel_diameter=56, axle_track=114)\n"
 )
-_FILE = Path(__file__).parent / "data" / "api_programs.txt"
+_FILE = Path(__file__).parents[1] / "data" / "api_programs.txt"
 
 
 @dataclass(frozen=True)

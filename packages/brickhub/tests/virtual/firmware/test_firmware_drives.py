@@ -15,7 +15,7 @@ import pytest
 
 from brickhub.virtual.run import run_file
 
-_FILE = Path(__file__).parent / "data" / "firmware_drives.txt"
+_FILE = Path(__file__).parents[1] / "data" / "firmware_drives.txt"
 _PROGRAMS = re.findall(
     r"^===\n((?:> .+\n)+)((?:(?!===).*\n)+)", _FILE.read_text(encoding="utf-8"), re.MULTILINE
 )

@@ -17,7 +17,7 @@ import pytest
 from brickhub.virtual.given_readings import parse_reading
 from brickhub.virtual.run import Operation, run_file
 
-_FILE = Path(__file__).parent / "data" / "firmware_answers.txt"
+_FILE = Path(__file__).parents[1] / "data" / "firmware_answers.txt"
 _PROGRAMS = re.findall(
     r"^=== (.+)\n((?:> .+\n)+)((?:(?!===).*\n)+)", _FILE.read_text(encoding="utf-8"), re.MULTILINE
 )
