@@ -95,6 +95,7 @@ class Mechanism:
         ports: of the motors.
         devices: links that carry the hub and the sensors.
         meshes: pairs of links with their gears that mesh.
+        corners_m: corners [n, 3] of the solids of each part, by its index in the plan.
         fixed: index of the fixed link, or ``None``.
     """
 
@@ -105,6 +106,7 @@ class Mechanism:
     wheels: tuple[Wheel, ...]
     devices: tuple[int, ...]
     meshes: tuple[tuple[int, int, Mesh], ...]
+    corners_m: dict[int, Floats]
     fixed: int | None
 
 
@@ -165,6 +167,7 @@ def mechanism(plan: Plan, bodies: Bodies) -> Mechanism:
         tuple(wheels),
         devices,
         bodies.meshes,
+        {placed.index: _corners_m(placed) for placed in connected},
         fixed=fixed_links[0] if fixed_links else None,
     )
 
@@ -227,6 +230,11 @@ def _is_same_axis(joint: BodyJoint, other: BodyJoint) -> bool:
 def point_m_of(point: Floats) -> Floats:
     """A point [3] of a plan in the twin's axes, m."""
     return np.asarray(TO_TWIN @ point * M_PER_LDU)
+
+
+def _corners_m(placed: Placed) -> Floats:
+    """Corners [n, 3] of a part's solids in the twin's axes, m."""
+    return np.asarray(placed.to_plan(placed.part.corners) @ TO_TWIN.T * M_PER_LDU)
 
 
 def _bare_shaft(plan: Plan, motor: int) -> Link:
