@@ -26,7 +26,8 @@ from bricktwin.plans.planned_robot import PlannedRobot, free_deg, planned_robot,
 from bricktwin.robots.planned import check_description
 from bricktwin.twin.engines.conventions import FOOT
 from bricktwin.twin.models import mjcf
-from bricktwin.twin.models.feet import Shape, feet_of
+from bricktwin.twin.models.balance import standing_shapes
+from bricktwin.twin.models.feet import Shape
 from bricktwin.twin.models.mounts import add_hub_site, add_sensor_site, mount_sensor
 from bricktwin.twin.models.turning import add_coupling, add_loop, add_rod, add_spinner
 from bricktwin.twin.scene import Scene
@@ -138,7 +139,7 @@ class _Builder:
         self.bodies: dict[int, mujoco.MjsBody] = {}
         self.origins: dict[int, Floats] = {0: self._origin()}
         self.casters = _casters(planned)
-        self.feet = feet_of(planned)
+        self.feet = standing_shapes(planned)
         self.tyres = self._tyres()
         self.subtree_kg = self._subtree_kg()
         self.ports = self._ports()
@@ -515,12 +516,14 @@ class _Builder:
         return candidate
 
     def _add_hull(self, number: int) -> None:
-        """Add the convex hull of a body's parts, except wheels and casters. MuJoCo makes it from
-        the points."""
-        rolling = {wheel.part for wheel in self.articulation.wheels}
+        """Add the convex hull of a body's parts, except wheels, casters and feet. MuJoCo makes it
+        from the points."""
+        # What the chassis drags has shapes of its own, as feet have.
+        apart = {wheel.part for wheel in self.articulation.wheels}
+        apart.update(foot.part for foot in self.feet)
         corners_m = []
         for part in self.articulation.bodies[number].parts:
-            if part not in rolling:
+            if part not in apart:
                 placed = self.planned.plan.parts[part]
                 corners_m.append(_in_twin(placed, placed.part.corners))
         if not corners_m:
