@@ -406,6 +406,7 @@ class _Builder:
                 geared,
                 f"geared_{joint.child}",
                 f"turn_{joint.child}",
+                is_loaded=not self.articulation.is_fixed,
             )
             # A geared body follows its motor, so it has to start at the angle that belongs to the
             # motor's.
