@@ -173,9 +173,18 @@ def mechanism(plan: Plan, bodies: Bodies) -> Mechanism:
 
 
 def _hinges(plan: Plan, bodies: Bodies) -> list[tuple[BodyJoint, Hinge]]:
-    """A hinge per pair of links and axis: motors first, then by distance from the first link."""
+    """A hinge per pair of links and axis: motors first, then gears, then by distance from the first
+    link. A geared crank hangs on its axle: were it reached through its leg instead, its axle would
+    only close a loop, which no gear can turn."""
     remaining: list[tuple[BodyJoint, int, int]] = []
-    for joint in sorted(bodies.joints, key=lambda joint: joint.motor is None):
+    shafts = _gear_shafts(plan, bodies)
+
+    def rank(joint: BodyJoint) -> tuple[bool, bool]:
+        lines = [line for body in joint.bodies for line in shafts[body]]
+        is_geared = any(_is_on_line(joint, *line) for line in lines)
+        return joint.motor is None, not is_geared
+
+    for joint in sorted(bodies.joints, key=rank):
         first, second = joint.bodies
         known = [other for other, *pair in remaining if {*pair} == {first, second}]
         if first != second and not any(_is_same_axis(joint, other) for other in known):
@@ -213,13 +222,35 @@ def _hinges(plan: Plan, bodies: Bodies) -> list[tuple[BodyJoint, Hinge]]:
     return hinges
 
 
+def _gear_shafts(plan: Plan, bodies: Bodies) -> dict[int, list[tuple[Floats, Floats]]]:
+    """Point [3] and direction [3] of the axes of the meshing gears of each body."""
+    shafts: dict[int, list[tuple[Floats, Floats]]] = defaultdict(list)
+    for first, second, mesh in bodies.meshes:
+        of_bodies = (first, second)
+        of_parts = (mesh.first, mesh.second)
+        for body, part, gear in zip(of_bodies, of_parts, mesh.gears, strict=True):
+            placed = plan.parts[part]
+            # A rack travels along its axis, on which nothing turns.
+            if gear.form is not GearForm.RACK:
+                axis = placed.rotation @ np.array(gear.axis)
+                shafts[body].append((placed.point(gear.centre), axis))
+    return shafts
+
+
 def _is_same_axis(joint: BodyJoint, other: BodyJoint) -> bool:
     """Whether two joints between the same two bodies are one hinge. A ball joint never is."""
-    if joint.is_ball or other.is_ball:
-        return False
-    return lines_coincide(
-        other.point,
-        other.axis,
+    return not other.is_ball and _is_on_line(joint, other.point, other.axis)
+
+
+def _is_on_line(
+    joint: BodyJoint,
+    point: Floats,
+    axis: Floats,
+) -> bool:
+    """Whether a joint turns about a line; a ball joint has no axis."""
+    return not joint.is_ball and lines_coincide(
+        point,
+        axis,
         joint.point,
         joint.axis,
         offset=2.0,
