@@ -61,6 +61,7 @@ class Hinge:
             child is the case).
         port: of the motor that drives it, else ``None``.
         closes_loop: whether other hinges already connect the two links.
+        is_shaft: whether a gear that meshes turns about its axis.
         turns_child: of a motor: whether the child is the rotor's side.
     """
 
@@ -72,6 +73,7 @@ class Hinge:
     closes_loop: bool
     turns_child: bool = True
     is_ball: bool = False
+    is_shaft: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,10 +181,12 @@ def _hinges(plan: Plan, bodies: Bodies) -> list[tuple[BodyJoint, Hinge]]:
     remaining: list[tuple[BodyJoint, int, int]] = []
     shafts = _gear_shafts(plan, bodies)
 
-    def rank(joint: BodyJoint) -> tuple[bool, bool]:
+    def is_shaft(joint: BodyJoint) -> bool:
         lines = [line for body in joint.bodies for line in shafts[body]]
-        is_geared = any(_is_on_line(joint, *line) for line in lines)
-        return joint.motor is None, not is_geared
+        return any(_is_on_line(joint, *line) for line in lines)
+
+    def rank(joint: BodyJoint) -> tuple[bool, bool]:
+        return joint.motor is None, not is_shaft(joint)
 
     for joint in sorted(bodies.joints, key=rank):
         first, second = joint.bodies
@@ -216,6 +220,7 @@ def _hinges(plan: Plan, bodies: Bodies) -> list[tuple[BodyJoint, Hinge]]:
             closes_loop=not open_ends,
             turns_child=parent == first,
             is_ball=joint.is_ball,
+            is_shaft=is_shaft(joint),
         )
         hinges.append((joint, hinge))
         reached |= {first, second}
@@ -449,9 +454,9 @@ def _train(
         for number, hinge in enumerate(mechanism.hinges):
             ratio = abs(ratios[number])
             is_in_tree = not (hinge.closes_loop or hinge.is_ball)
-            is_free = hinge.port is None and is_in_tree and ratio > _MIN_RATIO
-            # Only the axis of its gear tells a geared link's ratio; its other hinges belong to a
-            # linkage.
+            # Only the axis of its gear tells a geared link's ratio. Its other hinges belong to a
+            # linkage, and have that ratio at most by chance, in the plan's position.
+            is_free = hinge.is_shaft and hinge.port is None and is_in_tree and ratio > _MIN_RATIO
             is_of_link = bool(teeth) and is_free and link in (hinge.parent, hinge.child)
             if is_of_link and abs(ratio - _ratio(teeth)) < 0.02 * ratio:
                 hinges.setdefault(number, teeth)
