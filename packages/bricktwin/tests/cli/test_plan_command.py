@@ -18,7 +18,10 @@ PLAN = str(Path(plans.__path__[0]) / "two_wheeler.ldr")
 def test_correct_plan_passes(bricktwin):
     done = bricktwin("plan", "check", PLAN)
     assert (done.code, done.err) == (0, "")
-    assert done.out == "36 parts of 11 kinds, 11 steps, 428 g: all is well\n"
+    assert done.out.splitlines() == [
+        "it stands: its centre of mass is 49 mm high, 14 mm inside of its wheels",
+        "36 parts of 11 kinds, 11 steps, 428 g: all is well",
+    ]
 
 
 def test_robots_have_plans(bricktwin):

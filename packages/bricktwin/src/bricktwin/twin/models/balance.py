@@ -85,6 +85,11 @@ class Balance:
             return f"it {tips}: {where}; make its feet wider there, or its legs shorter"
         return None
 
+    @property
+    def findings(self) -> list[Finding]:
+        """That as a finding of a check; empty if it stands."""
+        return [] if self.fault is None else [Finding("balance", Outcome.ERROR, self.fault)]
+
     def __str__(self) -> str:
         inside = f"{self.inside_mm:.0f} mm inside of" if self.inside_mm >= 0 else "beyond"
         stands_on = "wheels" if self.on_wheels else "feet"
@@ -100,7 +105,7 @@ def balance_of(planned: PlannedRobot) -> Balance | None:
         return None
     turns = turns_of(planned)
     poses, *_ = turns[0][0].shape
-    shapes = [*feet, *shapes_of(planned, 0), *_wheels(planned)]
+    shapes = [*feet, *_outer(list(shapes_of(planned, 0))), *_wheels(planned)]
     worst: tuple[float, float, str, float] | None = None
     first: tuple[float, float, str, float] | None = None
     for pose in range(poses):
@@ -144,15 +149,6 @@ def standing_shapes(planned: PlannedRobot) -> tuple[Shape, ...]:
     return feet if _tilt_deg(down) <= TIPS_DEG else (*feet, *skids_of(planned, feet))
 
 
-def check_balance(plan: Plan) -> list[Finding]:
-    """A finding if the robot of a plan does not stand; none for a plan that is no complete robot,
-    which the check of plans reports."""
-    balance = plan_balance(plan)
-    if balance is None or balance.fault is None:
-        return []
-    return [Finding("balance", Outcome.ERROR, balance.fault)]
-
-
 def plan_balance(plan: Plan) -> Balance | None:
     """Balance of the robot of a plan; ``None`` where `balance_of` has none, and for a plan that is
     no complete robot."""
@@ -187,6 +183,18 @@ def _wheels(planned: PlannedRobot) -> Iterator[Shape]:
             np.array([radius_m, radius_m, half_width_m]),
             is_level=True,
         )
+
+
+def _outer(shapes: Sequence[Shape]) -> list[Shape]:
+    """Those shapes of a body that reach farthest in some direction in which it may tip: a few of
+    hundreds."""
+    tilts = np.radians(np.arange(0.0, _MOST_TILT_DEG, 8.0))
+    angles = np.radians(np.arange(0.0, 360.0, 15.0))
+    tilt, angle = (grid.ravel() for grid in np.meshgrid(tilts, angles))
+    around = np.sin(tilt)
+    directions = np.column_stack([around * np.cos(angle), around * np.sin(angle), -np.cos(tilt)])
+    reaches_m = np.array([shape.reach_m(directions) for shape in shapes])
+    return [shapes[number] for number in np.unique(reaches_m.argmax(axis=0))]
 
 
 def _moved(
