@@ -76,6 +76,17 @@ def test_mistake_has_line_and_exit_code(bricktwin, tmp_path):
     )
 
 
+def test_robot_that_tips_over_is_told_why(bricktwin, tmp_path):
+    lines = Path(PLAN).read_text(encoding="utf-8").splitlines()
+    unwanted = ("39370", "!BRICKSRL ROBOT", "!BRICKSRL PARTS")
+    path = tmp_path / "my.ldr"
+    path.write_text("\n".join(line for line in lines if not any(map(line.count, unwanted))))
+    done = bricktwin("plan", "check", str(path))
+    assert done.code == 1
+    assert "the plan  balance       it tips over backwards" in done.out
+    assert "it stands" not in done.out
+
+
 def test_parts_for_shops(bricktwin, tmp_path):
     listed = bricktwin("plan", "parts", PLAN).out
     assert "  18 x  2780      black" in listed

@@ -97,6 +97,16 @@ def test_nothing_but_feet_and_chassis_is_lowest_in_a_turn(path: Path) -> None:
         assert max(reach_m(shape, pose) for shape in touching) == pytest.approx(lowest_m, abs=1e-3)
 
 
+@pytest.mark.parametrize("path", WALKERS, ids=lambda path: path.stem)
+def test_robot_is_put_down_on_its_feet(path: Path) -> None:
+    one = MujocoBody(robot_of_plan(path), OPEN_FLOOR, QUIET, 0)
+    start_m = np.array(one.data.qpos[:3])
+    one.advance_to(500)
+    assert np.abs(one.data.qpos[:3] - start_m).max() < 0.002
+    touching = {one.model.geom(geom).name for contact in one.data.contact for geom in contact.geom}
+    assert len([name for name in touching if name.startswith("foot_")]) >= 3
+
+
 @pytest.mark.parametrize("name", ["four_legs_two_motors", "klann_legs", "six_legs_two_motors"])
 def test_linkages_neither_open_nor_flip_in_full_turns(name: str) -> None:
     made = walker(name)

@@ -167,12 +167,14 @@ def _groups(articulation: Articulation) -> list[list[int]]:
 
 
 def downwards(tilt_deg: float) -> Floats:
-    """Directions [5, 3] that may be downwards for a chassis: straight, and tilted to each side."""
+    """Directions [9, 3] that may be downwards for a chassis: straight, and tilted to each side and
+    each corner, so that of two equal feet each is once the lower one."""
     sine = math.sin(math.radians(tilt_deg))
     cosine = math.cos(math.radians(tilt_deg))
     directions = [(0.0, 0.0, -1.0)]
-    for x, y in ((1, 0), (-1, 0), (0, 1), (0, -1)):
-        directions.append((x * sine, y * sine, -cosine))
+    for eighth in range(8):
+        angle = eighth * math.pi / 4
+        directions.append((math.cos(angle) * sine, math.sin(angle) * sine, -cosine))
     return np.array(directions)
 
 
