@@ -14,7 +14,7 @@ from brickhub.errors import PlanError
 from bricktwin.plans.check import structure_of
 from bricktwin.plans.mechanism.kinematics import mechanism, merged
 from bricktwin.plans.planned_robot import PlannedRobot, free_deg, planned, planned_robot
-from bricktwin.twin.linkage import Linkage
+from bricktwin.twin.models.linkage import Linkage
 
 WALKERS = Path(__file__).parents[4] / "examples" / "walkers"
 HUB = "1 15 200 0 0 1 0 0 0 1 0 0 0 1 67718.dat"

@@ -20,7 +20,7 @@ from bricktwin.plans.mechanism.articulation import Articulation
 from bricktwin.plans.mechanism.kinematics import TO_TWIN
 from bricktwin.plans.plan import Placed
 from bricktwin.plans.planned_robot import PlannedRobot
-from bricktwin.twin.linkage import Linkage
+from bricktwin.twin.models.linkage import Linkage
 
 _POSES = 48
 """Poses of a turn of the legs that are tried."""
@@ -149,14 +149,12 @@ def _touching(
 
 def _groups(articulation: Articulation) -> list[list[int]]:
     """Moving bodies by what moves together: those of a linkage, and of a motor with its gears."""
-    edges: list[tuple[int, int]] = []
-    by_port: dict[str, int] = {}
+    edges = [(rod.near, rod.far) for rod in articulation.rods]
     for joint in (*articulation.joints, *articulation.loops):
         edges.append((joint.parent, joint.child))
-    edges += [(rod.near, rod.far) for rod in articulation.rods]
-    for driven in (*articulation.drives, *articulation.geared):
-        child = driven.joint.child
-        edges.append((by_port.setdefault(driven.port, child), child))
+    driven = {drive.port: drive.joint.child for drive in articulation.drives}
+    for geared in articulation.geared:
+        edges.append((driven[geared.port], geared.joint.child))
     # The chassis joins all of them, and none.
     neighbours = graph_of(edge for edge in edges if 0 not in edge)
     groups: list[list[int]] = []
