@@ -14,9 +14,9 @@ from bricksrl.page.board import Board
 from bricksrl.page.robot_view import RobotView
 from bricktwin.robots import ROBO_ARM, TWO_WHEELER, WALKER, plans
 from bricktwin.robots.planned import robot_of_plan
-from bricktwin.twin.linkage import pose_at, sensed_qpos
 from bricktwin.twin.make_body import make_body
 from bricktwin.twin.scene import OPEN_FLOOR
+from bricktwin.twin.sensed_pose import pose_at, sensed_qpos
 from bricktwin.view.mirror import Mirror
 
 

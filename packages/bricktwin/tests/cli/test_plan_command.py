@@ -18,7 +18,10 @@ PLAN = str(Path(plans.__path__[0]) / "two_wheeler.ldr")
 def test_correct_plan_passes(bricktwin):
     done = bricktwin("plan", "check", PLAN)
     assert (done.code, done.err) == (0, "")
-    assert done.out == "36 parts of 11 kinds, 11 steps, 428 g: all is well\n"
+    assert done.out.splitlines() == [
+        "it stands: its centre of mass is 49 mm high, 14 mm inside of its wheels",
+        "36 parts of 11 kinds, 11 steps, 428 g: all is well",
+    ]
 
 
 def test_robots_have_plans(bricktwin):
@@ -71,6 +74,17 @@ def test_mistake_has_line_and_exit_code(bricktwin, tmp_path):
     assert any(
         line.startswith("line ") and "give each its own" in line for line in done.out.splitlines()
     )
+
+
+def test_robot_that_tips_over_is_told_why(bricktwin, tmp_path):
+    lines = Path(PLAN).read_text(encoding="utf-8").splitlines()
+    unwanted = ("39370", "!BRICKSRL ROBOT", "!BRICKSRL PARTS")
+    path = tmp_path / "my.ldr"
+    path.write_text("\n".join(line for line in lines if not any(map(line.count, unwanted))))
+    done = bricktwin("plan", "check", str(path))
+    assert done.code == 1
+    assert "the plan  balance       it tips over backwards" in done.out
+    assert "it stands" not in done.out
 
 
 def test_parts_for_shops(bricktwin, tmp_path):

@@ -14,8 +14,9 @@ from brickhub.errors import PlanError
 from bricktwin.plans.check import structure_of
 from bricktwin.plans.mechanism.kinematics import mechanism, merged
 from bricktwin.plans.planned_robot import PlannedRobot, free_deg, planned, planned_robot
-from bricktwin.twin.linkage import Linkage
+from bricktwin.twin.models.linkage import Linkage
 
+WALKERS = Path(__file__).parents[4] / "examples" / "walkers"
 HUB = "1 15 200 0 0 1 0 0 0 1 0 0 0 1 67718.dat"
 
 
@@ -81,6 +82,24 @@ def test_simplification_keeps_all_parts(name, bodies, drives, rods, geared, foll
         part for rod in found.rods for part in rod.parts
     ]
     assert sorted(parts) == list(range(len(made.plan.parts)))
+
+
+@pytest.mark.parametrize(
+    ("name", "swings", "rods"),
+    [("four_legs_two_motors", 4, 4), ("klann_legs", 8, 8), ("six_legs_two_motors", 0, 0)],
+)
+def test_cranks_behind_gears_are_geared_and_their_legs_are_not(name, swings, rods):
+    made = planned_robot(WALKERS / f"{name}.ldr")
+    found = made.articulation
+    assert (len(found.drives), len(found.swings), len(found.rods)) == (2, swings, rods)
+    assert found.loops == ()
+    cranks = [found.bodies[geared.joint.child] for geared in found.geared]
+    for crank in cranks:
+        assert any(made.plan.parts[part].part.gears for part in crank.parts)
+    assert {abs(geared.ratio) for geared in found.geared} == {1.0}
+    # A leg is as light as a rod, but its foot is beyond its pins.
+    rod_parts = {made.plan.parts[part].part.number for rod in found.rods for part in rod.parts}
+    assert not rod_parts & {"41239", "32009"}
 
 
 def test_free_wheel_is_a_swing():

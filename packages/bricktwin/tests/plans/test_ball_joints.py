@@ -12,7 +12,7 @@ from plan_lines import plan_of
 from bricktwin.plans.check import check, structure_of
 from bricktwin.plans.plan import read_plan
 from bricktwin.plans.planned_robot import planned, planned_robot
-from bricktwin.twin.linkage import Linkage
+from bricktwin.twin.models.linkage import Linkage
 
 CAR = Path(__file__).with_name("link_steered.ldr")
 BEAM = "1 4 0 0 0 1 0 0 0 1 0 0 0 1 32316.dat"

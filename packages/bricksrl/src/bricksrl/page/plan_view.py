@@ -21,7 +21,7 @@ from bricktwin.plans.mechanism.kinematics import TO_TWIN
 from bricktwin.plans.part import Part
 from bricktwin.plans.plan import Plan
 from bricktwin.plans.planned_robot import PlannedRobot, planned
-from bricktwin.twin.linkage import Linkage
+from bricktwin.twin.models.linkage import Linkage
 from bricktwin.view.drawing_of_body import (
     HIDDEN,
     Drawing,

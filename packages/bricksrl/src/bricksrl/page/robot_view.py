@@ -21,12 +21,12 @@ from brickhub.virtual.panel import Panel
 from bricksrl.errors import BricksError
 from bricksrl.page.board import Board
 from bricksrl.page.hand import Hand
-from bricktwin.twin.linkage import sensed_qpos
 from bricktwin.twin.make_body import lies_on_bench
 from bricktwin.twin.models.mjcf import overview_of
 from bricktwin.twin.mujoco_body import MujocoBody
 from bricktwin.twin.physics import Physics
 from bricktwin.twin.scene import Goal, Scene
+from bricktwin.twin.sensed_pose import sensed_qpos
 from bricktwin.view.drawing_of_body import Floats, View
 from bricktwin.view.mirror import Mirror
 

@@ -16,6 +16,7 @@ from bricktwin.plans.booklet.parts_list import as_text, owned, parts_list, purch
 from bricktwin.plans.check import check
 from bricktwin.plans.plan import Plan, read_plan
 from bricktwin.robots.planned import check_named, plan_file, without_stops
+from bricktwin.twin.models.balance import plan_balance
 
 _ROBOTS = "two-wheeler, walker, robo-arm, ev3-driver"
 _PLAN = f"An LDraw file (.ldr, .mpd), Studio's .io, or a robot: {_ROBOTS}."
@@ -62,7 +63,10 @@ class CheckPlan:
 
     def execute(self) -> int:
         plan = read_named_plan(self.plan)
+        balance = plan_balance(plan)
         findings = check(plan) + check_named(plan)
+        if balance is not None:
+            findings += balance.findings
         for finding in findings:
             location = f"line {finding.line}" if finding.line else "the plan"
             print_line(f"{location:9} {finding.name:13} {finding.detail}")
@@ -77,6 +81,8 @@ class CheckPlan:
                 f"nothing stops {counted(len(free), 'motor')} ({', '.join(free)}) in a twin; "
                 f"{remedy}"
             )
+        if balance is not None and balance.fault is None:
+            print_line(f"it stands: {balance}")
         kinds = len({placed.part for placed in plan.parts})
         parts = counted(len(plan.parts), "part")
         steps = counted(len(plan.different_steps), "step")

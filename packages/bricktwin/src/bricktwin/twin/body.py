@@ -14,11 +14,11 @@ from bricktwin.twin.engines.conventions import TIMESTEP_S
 from bricktwin.twin.engines.engine import Engine
 from bricktwin.twin.engines.rotations import Vector, dot, plus
 from bricktwin.twin.model_physics import up
+from bricktwin.twin.models.turning_parts import TurningParts
 from bricktwin.twin.physics import Physics, RandomPhysics
 from bricktwin.twin.scene import Scene
 from bricktwin.twin.senses import INFRARED_MM, SENSOR_DRIFTS, Noise, SummedNoise
 from bricktwin.twin.standing import StandingRobot
-from bricktwin.twin.turning_parts import TurningParts
 
 _GRAVITY_MM_S2 = 9810.0
 _STEPS_PER_UPDATE = 20

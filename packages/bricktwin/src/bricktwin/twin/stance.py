@@ -29,18 +29,18 @@ on an edge just beyond it."""
 _ROUNDING_M = 1e-9
 """Rounding error of a length."""
 
+_MOST_POINTS = 20
+"""Most points of which all triples are tried: of more, the highest are no feet to stand on now."""
+
 
 class Feet:
     """Points of a model's feet that may touch a floor.
 
-    Capsules and spheres of one radius touch with the balls at their ends, other feet with the
-    corners of their bounding boxes.
+    Capsules and spheres touch with the balls at their ends, other feet with the corners of their
+    bounding boxes.
 
     Args:
         geoms: indices of the feet.
-
-    Attributes:
-        radius_m: radius of the balls around the points; 0 for corners.
     """
 
     def __init__(
@@ -49,45 +49,37 @@ class Feet:
         geoms: list[int],
     ) -> None:
         self._engine = engine
-        self.radius_m = 0.0
+        types = engine.indices("geom_type")
         boxes_m = engine.nominal("geom_aabb")
         sizes_m = engine.nominal("geom_size")
-        corner_signs = list(itertools.product((1, -1), repeat=3))
-        are_round = _have_one_radius(engine, geoms)
-        if are_round:
-            self.radius_m = sizes_m[3 * geoms[0]]
-            corner_signs = [(1, 1, 1), (1, 1, -1)]
-        self._points: list[tuple[int, Vector]] = []
-        """Geometry of each point, and its place in the frame of that."""
-        for signs in corner_signs:
+        self._points: list[tuple[int, Vector, float]] = []
+        """Geometry of each point, its place in the frame of that, and the radius around it."""
+        # Of all feet first one corner, then the next: the order decides between equal stances.
+        for corner, signs in enumerate(itertools.product((1, -1), repeat=3)):
             for geom in geoms:
                 box_m = boxes_m[6 * geom : 6 * geom + 6]
                 half_m = vector(box_m[3:])
-                if are_round:
+                radius_m = 0.0
+                if types[geom] in (_SPHERE, _CAPSULE):
                     # A capsule lies along its z axis: size 1 is the half length between its balls.
                     half_m = (0.0, 0.0, sizes_m[3 * geom + 1])
+                    radius_m = sizes_m[3 * geom]
+                    if corner > 1:
+                        continue
                 turned = [half * sign for half, sign in zip(half_m, signs, strict=True)]
-                self._points.append((geom, plus(vector(box_m[:3]), vector(turned))))
+                self._points.append((geom, plus(vector(box_m[:3]), vector(turned)), radius_m))
 
-    def points_m(self) -> list[Vector]:
-        """The points in the world, of the present positions of the geoms."""
+    def points_m(self) -> list[tuple[Vector, float]]:
+        """The points in the world, of the present positions of the geoms, and the radius of the
+        ball around each; 0 for a corner."""
         places = self._engine.derived("geom_xpos")
         frames = self._engine.derived("geom_xmat")
         points = []
-        for geom, offset_m in self._points:
+        for geom, offset_m, radius_m in self._points:
             place = vector(places[3 * geom : 3 * geom + 3])
             frame = frames[9 * geom : 9 * geom + 9]
-            points.append(plus(place, in_frame(frame, offset_m)))
+            points.append((plus(place, in_frame(frame, offset_m)), radius_m))
         return points
-
-
-def _have_one_radius(engine: Engine, geoms: list[int]) -> bool:
-    """Whether all geoms are capsules or spheres of one radius."""
-    types = engine.indices("geom_type")
-    sizes_m = engine.nominal("geom_size")
-    are_round = all(types[geom] in (_SPHERE, _CAPSULE) for geom in geoms)
-    radii_m = {sizes_m[3 * geom] for geom in geoms}
-    return are_round and len(radii_m) == 1
 
 
 def in_frame(frame: Sequence[float], of: Vector) -> Vector:
@@ -115,6 +107,8 @@ def standing_pose(points: Sequence[Vector], centre: Vector) -> tuple[Quaternion,
     least = math.inf
     stances: list[tuple[float, float, Vector, Vector]] = []
     """Failure, height of the centre, normal and first point of each."""
+    if len(points) > _MOST_POINTS:
+        points = sorted(points, key=lambda point: point[2])[:_MOST_POINTS]
     # Every three points may be those that touch.
     for first, second, third in itertools.combinations(points, 3):
         # The plane of the triple, with its normal upwards in the body's frame.

@@ -287,12 +287,17 @@ class StandingRobot:
         first = 4 * self.chassis
         frame = tuple(engine.derived("xquat")[first : first + 4])
         # Feet and centre of mass of the whole robot, from the chassis as it lies now.
-        points_m = [
-            rotated_back(minus(point_m, origin_m), frame) for point_m in self._feet.points_m()
-        ]
+        points = self._feet.points_m()
+        largest_m = max(radius_m for _, radius_m in points)
+        points_m = []
+        for point_m, radius_m in points:
+            x_m, y_m, z_m = rotated_back(minus(point_m, origin_m), frame)
+            # Corners and smaller balls are as low as balls of the largest radius higher up.
+            raised_m = z_m + (largest_m - radius_m)
+            points_m.append((x_m, y_m, raised_m))
         centre_m = rotated_back(minus(centre_m, origin_m), frame)
         quaternion, height_m = standing_pose(points_m, centre_m)
-        return quaternion, height_m + self._feet.radius_m
+        return quaternion, height_m + largest_m
 
     def pose(self) -> Pose:
         """True pose of the robot: for metrics, not for agents."""

@@ -9,8 +9,8 @@ from PIL import Image
 
 from bricktwin.plans.drawing import shapes
 from bricktwin.twin.engines.conventions import SHAPE_GROUP
+from bricktwin.twin.models.turning_parts import TurningParts
 from bricktwin.twin.mujoco_body import MujocoBody
-from bricktwin.twin.turning_parts import TurningParts
 from bricktwin.view.drawing_of_body import (
     Drawing,
     DrawnBody,

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from bricktwin.twin.linkage import pose_at
 from bricktwin.twin.mujoco_body import MujocoBody
 from bricktwin.twin.physics import Physics
 from bricktwin.twin.scene import Goal
+from bricktwin.twin.sensed_pose import pose_at
 from bricktwin.view.body_drawing import drawing_of
 from bricktwin.view.drawing_of_body import HIDDEN, DrawnBody, Floats, View, poses
 

@@ -21,11 +21,11 @@ from bricktwin.robots import ROBO_ARM, TWO_WHEELER, WALKER, plans
 from bricktwin.robots.planned import robot_of_plan
 from bricktwin.twin.engines.mujoco_engine import MujocoEngine
 from bricktwin.twin.make_body import make_body
+from bricktwin.twin.models.turning_parts import TurningParts
 from bricktwin.twin.mujoco_body import MujocoBody
 from bricktwin.twin.objects import Block, Field, Ramp
 from bricktwin.twin.physics import Physics
 from bricktwin.twin.scene import OPEN_FLOOR, Scene
-from bricktwin.twin.turning_parts import TurningParts
 
 ROOT = Path(__file__).parents[5]
 PLANS = Path(plans.__path__[0])

@@ -6,7 +6,7 @@ import pytest
 
 from bricktwin.twin.engines.mujoco_engine import MujocoEngine
 from bricktwin.twin.models.turning import add_rod
-from bricktwin.twin.turning_parts import TurningParts
+from bricktwin.twin.models.turning_parts import TurningParts
 
 
 def swing() -> mujoco.MjModel:

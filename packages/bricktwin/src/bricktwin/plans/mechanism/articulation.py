@@ -28,6 +28,9 @@ _BALANCED_KG_M = 1.2e-5
 _ROD_KG = 0.010
 """Largest mass of a link that becomes a rod; heavier ones are bodies of their own."""
 
+_ROD_HALF_M = 0.008
+"""Largest distance of a rod's shape from the line between its pins: a module."""
+
 
 @dataclass(frozen=True, eq=False)
 class Drive:
@@ -249,10 +252,33 @@ class _Simplifier:
             is_between_pins = is_parallel and not first.is_ball and not second.is_ball
             # A link between two such ends only keeps a distance if it is part of a loop; elsewhere
             # it swings.
-            if (is_between_balls or is_between_pins) and self._is_in_loop(link, numbers):
+            is_between_ends = is_between_balls or is_between_pins
+            if not is_between_ends or self._stands_out(link, first, second):
+                continue
+            if self._is_in_loop(link, numbers):
                 self.rods.append((link, first, second))
                 for number in numbers:
                     del self.hinges[number]
+
+    def _stands_out(
+        self,
+        link: int,
+        first: Hinge,
+        second: Hinge,
+    ) -> bool:
+        """Whether a link is more than what lies between its two pins or balls: a leg has its foot
+        elsewhere."""
+        # A pin may be longer than its holes, which says nothing: what counts lies across it.
+        flat = np.eye(3) if first.is_ball else np.eye(3) - np.outer(first.axis, first.axis)
+        way_m = flat @ (second.point_m - first.point_m)
+        own = np.flatnonzero(self.merged_into == link)
+        parts = [part for number in own for part in self.mechanism.links[number].parts]
+        corners_m = np.concatenate([self.mechanism.corners_m[part] for part in parts])
+        offsets_m = (corners_m - first.point_m) @ flat  # [n, 3]
+        shares = np.clip(offsets_m @ way_m / (way_m @ way_m), 0.0, 1.0)
+        nearest_m = np.outer(shares, way_m)
+        from_way_m = np.linalg.norm(offsets_m - nearest_m, axis=1)
+        return bool(from_way_m.max() > _ROD_HALF_M)
 
     def _is_in_loop(
         self,

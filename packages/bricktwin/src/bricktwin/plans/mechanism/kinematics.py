@@ -61,6 +61,7 @@ class Hinge:
             child is the case).
         port: of the motor that drives it, else ``None``.
         closes_loop: whether other hinges already connect the two links.
+        is_shaft: whether a gear that meshes turns about its axis.
         turns_child: of a motor: whether the child is the rotor's side.
     """
 
@@ -72,6 +73,7 @@ class Hinge:
     closes_loop: bool
     turns_child: bool = True
     is_ball: bool = False
+    is_shaft: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,6 +97,7 @@ class Mechanism:
         ports: of the motors.
         devices: links that carry the hub and the sensors.
         meshes: pairs of links with their gears that mesh.
+        corners_m: corners [n, 3] of the solids of each part, by its index in the plan.
         fixed: index of the fixed link, or ``None``.
     """
 
@@ -105,6 +108,7 @@ class Mechanism:
     wheels: tuple[Wheel, ...]
     devices: tuple[int, ...]
     meshes: tuple[tuple[int, int, Mesh], ...]
+    corners_m: dict[int, Floats]
     fixed: int | None
 
 
@@ -165,14 +169,26 @@ def mechanism(plan: Plan, bodies: Bodies) -> Mechanism:
         tuple(wheels),
         devices,
         bodies.meshes,
+        {placed.index: _corners_m(placed) for placed in connected},
         fixed=fixed_links[0] if fixed_links else None,
     )
 
 
 def _hinges(plan: Plan, bodies: Bodies) -> list[tuple[BodyJoint, Hinge]]:
-    """A hinge per pair of links and axis: motors first, then by distance from the first link."""
+    """A hinge per pair of links and axis: motors first, then gears, then by distance from the first
+    link. A geared crank hangs on its axle: were it reached through its leg instead, its axle would
+    only close a loop, which no gear can turn."""
     remaining: list[tuple[BodyJoint, int, int]] = []
-    for joint in sorted(bodies.joints, key=lambda joint: joint.motor is None):
+    shafts = _gear_shafts(plan, bodies)
+
+    def is_shaft(joint: BodyJoint) -> bool:
+        lines = [line for body in joint.bodies for line in shafts[body]]
+        return any(_is_on_line(joint, *line) for line in lines)
+
+    def rank(joint: BodyJoint) -> tuple[bool, bool]:
+        return joint.motor is None, not is_shaft(joint)
+
+    for joint in sorted(bodies.joints, key=rank):
         first, second = joint.bodies
         known = [other for other, *pair in remaining if {*pair} == {first, second}]
         if first != second and not any(_is_same_axis(joint, other) for other in known):
@@ -204,19 +220,42 @@ def _hinges(plan: Plan, bodies: Bodies) -> list[tuple[BodyJoint, Hinge]]:
             closes_loop=not open_ends,
             turns_child=parent == first,
             is_ball=joint.is_ball,
+            is_shaft=is_shaft(joint),
         )
         hinges.append((joint, hinge))
         reached |= {first, second}
     return hinges
 
 
+def _gear_shafts(plan: Plan, bodies: Bodies) -> dict[int, list[tuple[Floats, Floats]]]:
+    """Point [3] and direction [3] of the axes of the meshing gears of each body."""
+    shafts: dict[int, list[tuple[Floats, Floats]]] = defaultdict(list)
+    for first, second, mesh in bodies.meshes:
+        of_bodies = (first, second)
+        of_parts = (mesh.first, mesh.second)
+        for body, part, gear in zip(of_bodies, of_parts, mesh.gears, strict=True):
+            placed = plan.parts[part]
+            # A rack travels along its axis, on which nothing turns.
+            if gear.form is not GearForm.RACK:
+                axis = placed.rotation @ np.array(gear.axis)
+                shafts[body].append((placed.point(gear.centre), axis))
+    return shafts
+
+
 def _is_same_axis(joint: BodyJoint, other: BodyJoint) -> bool:
     """Whether two joints between the same two bodies are one hinge. A ball joint never is."""
-    if joint.is_ball or other.is_ball:
-        return False
-    return lines_coincide(
-        other.point,
-        other.axis,
+    return not other.is_ball and _is_on_line(joint, other.point, other.axis)
+
+
+def _is_on_line(
+    joint: BodyJoint,
+    point: Floats,
+    axis: Floats,
+) -> bool:
+    """Whether a joint turns about a line; a ball joint has no axis."""
+    return not joint.is_ball and lines_coincide(
+        point,
+        axis,
         joint.point,
         joint.axis,
         offset=2.0,
@@ -227,6 +266,11 @@ def _is_same_axis(joint: BodyJoint, other: BodyJoint) -> bool:
 def point_m_of(point: Floats) -> Floats:
     """A point [3] of a plan in the twin's axes, m."""
     return np.asarray(TO_TWIN @ point * M_PER_LDU)
+
+
+def _corners_m(placed: Placed) -> Floats:
+    """Corners [n, 3] of a part's solids in the twin's axes, m."""
+    return np.asarray(placed.to_plan(placed.part.corners) @ TO_TWIN.T * M_PER_LDU)
 
 
 def _bare_shaft(plan: Plan, motor: int) -> Link:
@@ -410,9 +454,9 @@ def _train(
         for number, hinge in enumerate(mechanism.hinges):
             ratio = abs(ratios[number])
             is_in_tree = not (hinge.closes_loop or hinge.is_ball)
-            is_free = hinge.port is None and is_in_tree and ratio > _MIN_RATIO
-            # Only the axis of its gear tells a geared link's ratio; its other hinges belong to a
-            # linkage.
+            # Only the axis of its gear tells a geared link's ratio. Its other hinges belong to a
+            # linkage, and have that ratio at most by chance, in the plan's position.
+            is_free = hinge.is_shaft and hinge.port is None and is_in_tree and ratio > _MIN_RATIO
             is_of_link = bool(teeth) and is_free and link in (hinge.parent, hinge.child)
             if is_of_link and abs(ratio - _ratio(teeth)) < 0.02 * ratio:
                 hinges.setdefault(number, teeth)

@@ -8,9 +8,7 @@ Tyres, casters and feet touch the floor, and the convex hulls of the other bodie
 """
 
 import math
-from collections.abc import Iterator
 from pathlib import Path
-from typing import NamedTuple
 
 import mujoco
 import numpy as np
@@ -26,7 +24,10 @@ from bricktwin.plans.part import DeviceKind
 from bricktwin.plans.plan import Placed
 from bricktwin.plans.planned_robot import PlannedRobot, free_deg, planned_robot, stops_deg
 from bricktwin.robots.planned import check_description
+from bricktwin.twin.engines.conventions import FOOT
 from bricktwin.twin.models import mjcf
+from bricktwin.twin.models.balance import standing_shapes
+from bricktwin.twin.models.feet import Shape
 from bricktwin.twin.models.mounts import add_hub_site, add_sensor_site, mount_sensor
 from bricktwin.twin.models.turning import add_coupling, add_loop, add_rod, add_spinner
 from bricktwin.twin.scene import Scene
@@ -44,11 +45,12 @@ _BEYOND_DEG = 15.0
 """Angle beyond a motor's range, at its shaft, up to which end stops are searched for."""
 _PLASTIC_FRICTION = 0.8
 """Sliding friction of plastic on a smooth floor; an estimate."""
-_FOOT_REACH_M = 0.015
-"""Height above the robot's lowest point up to which a leg's lower end is a foot, in a robot without
-wheels."""
-_SAME_AXIS_M = 0.0012
-"""Largest distance of cylinders that count as one round end of a leg."""
+_GEOMS = {
+    Form.BOX: mujoco.mjtGeom.mjGEOM_BOX,
+    Form.CYLINDER: mujoco.mjtGeom.mjGEOM_CYLINDER,
+    Form.BALL: mujoco.mjtGeom.mjGEOM_SPHERE,
+}
+"""Shapes of feet."""
 _SAME_WHEEL_M = 0.008
 """Largest distance of a rim from the tyre around it: a module of LEGO."""
 _LEAST_HULL_M = 0.001
@@ -137,7 +139,7 @@ class _Builder:
         self.bodies: dict[int, mujoco.MjsBody] = {}
         self.origins: dict[int, Floats] = {0: self._origin()}
         self.casters = _casters(planned)
-        self.feet = _feet(planned)
+        self.feet = standing_shapes(planned)
         self.tyres = self._tyres()
         self.subtree_kg = self._subtree_kg()
         self.ports = self._ports()
@@ -404,6 +406,7 @@ class _Builder:
                 geared,
                 f"geared_{joint.child}",
                 f"turn_{joint.child}",
+                is_loaded=not self.articulation.is_fixed,
             )
             # A geared body follows its motor, so it has to start at the angle that belongs to the
             # motor's.
@@ -450,16 +453,7 @@ class _Builder:
                 radius_m,
             )
         for number, foot in enumerate(self.feet):
-            start_m = self._local(foot.body, foot.start_m)
-            end_m = self._local(foot.body, foot.end_m)
-            port = self.ports.get(foot.body, number)
-            self.bodies[foot.body].add_geom(
-                name=self._free_name(f"foot_{port}"),
-                type=mujoco.mjtGeom.mjGEOM_CAPSULE,
-                fromto=[*start_m, *end_m],
-                size=[foot.radius_m, 0, 0],
-                **mjcf.contact_attributes(_PLASTIC_FRICTION),
-            )
+            self._add_foot(foot, self.ports.get(foot.body, str(number)))
         # What touches the floor has a shape of its own, and a hull around it would touch beside
         # that. The chassis has a hull whatever it rolls on.
         touching = {foot.body for foot in self.feet}
@@ -467,6 +461,31 @@ class _Builder:
         touching.discard(0)
         for number in sorted(self.bodies.keys() - touching):
             self._add_hull(number)
+
+    def _add_foot(self, foot: Shape, label: str) -> None:
+        """Add a shape that touches the floor, named after its label."""
+        # A robot on wheels has its stance from these, so what else may touch is no foot to stand
+        # on.
+        kind = "leg_" if self.articulation.wheels else FOOT
+        geom = self.bodies[foot.body].add_geom(
+            name=self._free_name(f"{kind}{label}"),
+            **mjcf.contact_attributes(_PLASTIC_FRICTION),
+        )
+        if foot.is_level:
+            # A cylinder that lies on its side touches a floor at both ends, as a capsule does.
+            start_m, end_m = foot.ends_m
+            geom.type = mujoco.mjtGeom.mjGEOM_CAPSULE
+            geom.fromto = [*self._local(foot.body, start_m), *self._local(foot.body, end_m)]
+            geom.size = [float(foot.half_m[0]), 0, 0]
+            return
+        quaternion = np.empty(4)
+        # Columns of the matrix are the shape's axes.
+        mujoco.mju_mat2Quat(quaternion, foot.axes.T.ravel().copy())
+        geom.type = _GEOMS[foot.form]
+        geom.pos = self._local(foot.body, foot.centre_m)
+        geom.quat = quaternion
+        is_box = foot.form is Form.BOX
+        geom.size = foot.half_m if is_box else [float(foot.half_m[0]), float(foot.half_m[2]), 0]
 
     def _add_tyre(self, wheel: Wheel) -> None:
         """Add the shape of a wheel that rolls on the floor."""
@@ -498,12 +517,14 @@ class _Builder:
         return candidate
 
     def _add_hull(self, number: int) -> None:
-        """Add the convex hull of a body's parts, except wheels and casters. MuJoCo makes it from
-        the points."""
-        rolling = {wheel.part for wheel in self.articulation.wheels}
+        """Add the convex hull of a body's parts, except wheels, casters and feet. MuJoCo makes it
+        from the points."""
+        # What the chassis drags has shapes of its own, as feet have.
+        apart = {wheel.part for wheel in self.articulation.wheels}
+        apart.update(foot.part for foot in self.feet)
         corners_m = []
         for part in self.articulation.bodies[number].parts:
-            if part not in rolling:
+            if part not in apart:
                 placed = self.planned.plan.parts[part]
                 corners_m.append(_in_twin(placed, placed.part.corners))
         if not corners_m:
@@ -699,90 +720,6 @@ def _axes_along(direction: Floats) -> Floats:
     mujoco.mju_quatZ2Vec(quaternion, direction)
     mujoco.mju_quat2Mat(matrix, quaternion)
     return matrix.reshape(3, 3).T
-
-
-class _Foot(NamedTuple):
-    """Round lower end of a leg: its body, the ends [3] of its axis in the twin's axes, and its
-    radius."""
-
-    body: int
-    start_m: Floats
-    end_m: Floats
-    radius_m: float
-
-    @property
-    def lowest_m(self) -> float:
-        """Height of its lowest point."""
-        return float(self.start_m[2] - self.radius_m)
-
-
-def _feet(planned: PlannedRobot) -> list[_Foot]:
-    """Feet of a robot without wheels; empty for others."""
-    articulation = planned.articulation
-    if articulation.is_fixed or articulation.wheels:
-        return []
-    # Body 0 is the chassis, which is no leg.
-    ends: list[_Foot] = []
-    for number, body in enumerate(articulation.bodies[1:], 1):
-        cylinders: list[_Cylinder] = []
-        for part in body.parts:
-            cylinders += _cylinders(planned.plan.parts[part])
-        if cylinders:
-            ends.append(_lower_end(number, cylinders))
-    low_m = min((end.lowest_m for end in ends), default=0.0)
-    feet = [end for end in ends if end.lowest_m < low_m + _FOOT_REACH_M]
-    # Nothing stands on a single foot.
-    return feet if len(feet) > 1 else []
-
-
-class _Cylinder(NamedTuple):
-    """Cylinder of a part in the twin's axes, with its axis ``[3]`` through its centre ``[3]``."""
-
-    centre_m: Floats
-    axis: Floats
-    half_length_m: float
-    radius_m: float
-
-    def is_in_line_with(self, other: "_Cylinder") -> bool:
-        """Whether both have one axis."""
-        offset_m = self.centre_m - other.centre_m
-        across_m = np.linalg.norm(np.cross(offset_m, other.axis))
-        cosine = float(self.axis @ other.axis)
-        return bool(across_m < _SAME_AXIS_M and abs(cosine) > 0.99)
-
-
-def _cylinders(placed: Placed) -> Iterator[_Cylinder]:
-    """Each horizontal cylinder of a part: a leg stands on the sides of its beam's round ends."""
-    for solid in placed.part.solids:
-        axis = TO_TWIN @ placed.rotation @ np.array(solid.axes[2])
-        is_level = abs(float(axis[2])) < 0.1
-        if solid.form is Form.CYLINDER and is_level:
-            centres_m = _in_twin(placed, np.array([solid.centre]))
-            yield _Cylinder(
-                centre_m=centres_m[0],
-                axis=axis,
-                half_length_m=solid.half[2] * M_PER_LDU,
-                radius_m=solid.half[0] * M_PER_LDU,
-            )
-
-
-def _lower_end(body: int, cylinders: list[_Cylinder]) -> _Foot:
-    """Lower end of a leg: its lowest cylinder, as long as all those in line with it together."""
-    lowest = min(cylinders, key=lambda cylinder: cylinder.centre_m[2] - cylinder.radius_m)
-    along_m = []
-    for cylinder in cylinders:
-        if not cylinder.is_in_line_with(lowest):
-            continue
-        for sign in (-1.0, 1.0):
-            end_m = cylinder.centre_m + lowest.axis * sign * cylinder.half_length_m
-            offset_m = end_m - lowest.centre_m
-            along_m.append(float(offset_m @ lowest.axis))
-    return _Foot(
-        body,
-        start_m=lowest.centre_m + lowest.axis * min(along_m),
-        end_m=lowest.centre_m + lowest.axis * max(along_m),
-        radius_m=lowest.radius_m,
-    )
 
 
 def _casters(planned: PlannedRobot) -> list[tuple[Wheel, Floats, float]]:

@@ -48,10 +48,7 @@ def add_rod(
     constraint.name1 = name
     # With zeros as its polynomial, the tendon keeps the length of the initial configuration.
     constraint.data[:5] = 0.0
-    # The constraint is stiffer than MuJoCo's default, with which the ends of a light rod separate
-    # by fractions of a millimetre.
-    constraint.solref = [2 * spec.option.timestep, 1.0]
-    constraint.solimp = [0.99, 0.99, 0.001, 0.5, 2.0]
+    _stiffen(spec, constraint)
     near_body, near_pin = near
     body: mujoco.MjsBody = near_body.add_body(name=name, pos=list(near_pin))
     return body
@@ -80,8 +77,11 @@ def add_coupling(
     geared: Geared,
     name: str,
     joint: str,
+    *,
+    is_loaded: bool = False,
 ) -> None:
-    """Couple a joint to that of the motor that it is geared to."""
+    """Couple a joint to that of the motor that it is geared to; ``is_loaded``: it carries the
+    robot."""
     constraint = spec.add_equality(
         name=name,
         type=mujoco.mjtEq.mjEQ_JOINT,
@@ -92,6 +92,8 @@ def add_coupling(
     # The data are the coefficients of a polynomial in the motor's angle, and a ratio is its linear
     # term.
     constraint.data[:5] = [0.0, geared.ratio, 0.0, 0.0, 0.0]
+    if is_loaded:
+        _stiffen(spec, constraint)
 
 
 def add_loop(
@@ -110,5 +112,12 @@ def add_loop(
     constraint.name1 = body.name
     constraint.name2 = other.name
     constraint.data[:3] = at_m
+    _stiffen(spec, constraint)
+
+
+def _stiffen(spec: mujoco.MjSpec, constraint: mujoco.MjsEquality) -> None:
+    """Make a constraint stiffer than MuJoCo's default, with which the ends of a light rod separate
+    by fractions of a millimetre, and a light leg behind gears gives way by half a radian."""
     # A time constant of two steps is the stiffest that MuJoCo allows.
     constraint.solref = [2 * spec.option.timestep, 1.0]
+    constraint.solimp = [0.99, 0.99, 0.001, 0.5, 2.0]

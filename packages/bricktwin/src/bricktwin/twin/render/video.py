@@ -20,11 +20,11 @@ from brickhub.errors import TwinError
 from brickhub.files import check_writable
 from brickhub.virtual.body import Body
 from bricktwin.drawing import import_matplotlib
-from bricktwin.twin.linkage import pose_at
 from bricktwin.twin.mujoco_body import MujocoBody
 from bricktwin.twin.physics import Physics
 from bricktwin.twin.render.opengl import Renderer, VideoWriter
 from bricktwin.twin.scene import Goal
+from bricktwin.twin.sensed_pose import pose_at
 
 Pixels = NDArray[np.uint8]
 _INK = (31, 36, 48)

@@ -1,0 +1,298 @@
+"""Balance of a robot from a plan: where its centre of mass is above what it stands on, at the
+angles of the plan and in one turn of its legs, and how far it tips.
+
+A robot that is put down level rolls, over whatever of it touches the floor, as long as its centre
+of mass comes lower so. All is at rest: what legs do by their speed is left to the twin.
+"""
+
+import itertools
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from brickhub.errors import PlanError
+from brickhub.finding import Finding, Outcome
+from bricktwin.plans.geometry import M_PER_LDU, Floats, Form, frame_of, triple
+from bricktwin.plans.mechanism.kinematics import TO_TWIN
+from bricktwin.plans.part import DeviceKind
+from bricktwin.plans.plan import Plan
+from bricktwin.plans.planned_robot import PlannedRobot, planned
+from bricktwin.twin.models.feet import Shape, Turns, feet_of, shapes_of, skids_of, turns_of
+
+TIPS_DEG = 12.0
+"""Tilt above which a robot does not stand as it was drawn. Below, it may lean on a skid."""
+FALLS_DEG = 45.0
+"""Tilt above which it does not come back."""
+_STEPS_DEG = (3.0, 1.0)
+"""Steps in which it tips, first coarse, then fine."""
+_DIRECTIONS = 24
+"""Directions that are tried in each."""
+_DOWNHILL_M = 1e-5
+"""Least fall of the centre of mass in such a step: friction and rounding hold less."""
+_MOST_TILT_DEG = 100.0
+_LEVEL = np.array([0.0, 0.0, -1.0])
+"""What is downwards of a robot that is level."""
+_TOUCHING_M = 0.003
+"""Height above the lowest point up to which something counts as touching the floor."""
+_BEYOND = {
+    "forwards": ("in front of its front", "back"),
+    "backwards": ("behind its back", "forwards"),
+    "to the left": ("to the left of its left", "to the right"),
+    "to the right": ("to the right of its right", "to the left"),
+}
+"""Where the centre of mass is of what the robot stands on, and where to move the hub, by the side
+to which it tips."""
+
+
+@dataclass(frozen=True)
+class Balance:
+    """Balance of a robot.
+
+    Attributes:
+        mass_g: its mass.
+        height_mm: height of its centre of mass above the floor.
+        inside_mm: how far that is inside of what the robot stands on, at the nearest side; negative
+            outside.
+        side: of the four sides the one to which that is.
+        tilt_deg: how far the robot tips as it was drawn.
+        largest_tilt_deg: how far at most in one turn of its legs, at the phases of the plan.
+        on_wheels: whether it has wheels; else it stands on its feet.
+    """
+
+    mass_g: float
+    height_mm: float
+    inside_mm: float
+    side: str
+    tilt_deg: float
+    largest_tilt_deg: float
+    on_wheels: bool
+
+    @property
+    def fault(self) -> str | None:
+        """Why it does not stand, and what to do; ``None`` if it does."""
+        beyond, remedy = _BEYOND[self.side]
+        stands_on = "wheels" if self.on_wheels else "feet"
+        place = f"{-self.inside_mm:.0f} mm {beyond} {stands_on}"
+        where = f"its centre of mass, {self.height_mm:.0f} mm high, is {place}"
+        if self.tilt_deg > TIPS_DEG:
+            support = "add a caster" if self.on_wheels else "make its feet longer there"
+            tips = f"tips over {self.side} by {self.tilt_deg:.0f} degrees"
+            return f"it {tips}: {where}; move the hub {remedy}, or {support}"
+        if self.largest_tilt_deg > FALLS_DEG:
+            tips = f"falls {self.side} while its legs turn ({self.mass_g:.0f} g)"
+            return f"it {tips}: {where}; make its feet wider there, or its legs shorter"
+        return None
+
+    @property
+    def findings(self) -> list[Finding]:
+        """That as a finding of a check; empty if it stands."""
+        return [] if self.fault is None else [Finding("balance", Outcome.ERROR, self.fault)]
+
+    def __str__(self) -> str:
+        inside = f"{self.inside_mm:.0f} mm inside of" if self.inside_mm >= 0 else "beyond"
+        stands_on = "wheels" if self.on_wheels else "feet"
+        return f"its centre of mass is {self.height_mm:.0f} mm high, {inside} its {stands_on}"
+
+
+def balance_of(planned: PlannedRobot) -> Balance | None:
+    """Balance of a robot that can move around; ``None`` of one without wheels and legs, or that
+    stands on the table."""
+    articulation = planned.articulation
+    feet = feet_of(planned)
+    if articulation.is_fixed or not (feet or articulation.wheels):
+        return None
+    turns = turns_of(planned)
+    poses, *_ = turns[0][0].shape
+    shapes = [*feet, *_outer(list(shapes_of(planned, 0))), *_wheels(planned)]
+    worst: tuple[float, float, str, float] | None = None
+    first: tuple[float, float, str, float] | None = None
+    for pose in range(poses):
+        moved = [_moved(shape, turns, pose) for shape in shapes]
+        centre_m = _centre_m(planned, turns, pose)
+        down = _rest(moved, centre_m)
+        tilt_deg = _tilt_deg(down)
+        # Of a robot that leans a little, what it leans on touches the floor too.
+        stands_on = down if tilt_deg <= TIPS_DEG else _LEVEL
+        inside_m, side = _inside_m(moved, centre_m, stands_on)
+        height_m = float(_heights_m(moved, centre_m, stands_on[None])[0])
+        found = (tilt_deg, inside_m, side, height_m)
+        first = first or found
+        if worst is None or tilt_deg > worst[0]:
+            worst = found
+        # What does not stand as it was drawn need not be turned.
+        if first[0] > TIPS_DEG:
+            break
+    if first is None or worst is None:
+        return None
+    mass_kg = sum(body.mass_kg for body in articulation.bodies)
+    shown = worst if first[0] <= TIPS_DEG and worst[0] > FALLS_DEG else first
+    return Balance(
+        mass_g=mass_kg * 1000,
+        height_mm=shown[3] * 1000,
+        inside_mm=shown[1] * 1000,
+        side=shown[2],
+        tilt_deg=first[0],
+        largest_tilt_deg=worst[0],
+        on_wheels=bool(articulation.wheels),
+    )
+
+
+def standing_shapes(planned: PlannedRobot) -> tuple[Shape, ...]:
+    """What a robot without wheels stands on: its feet, and what its chassis drags where it cannot
+    stand on these alone."""
+    feet = feet_of(planned)
+    if not feet or planned.articulation.wheels:
+        return feet
+    down = _rest(feet, _centre_m(planned, turns_of(planned), 0))
+    return feet if _tilt_deg(down) <= TIPS_DEG else (*feet, *skids_of(planned, feet))
+
+
+def plan_balance(plan: Plan) -> Balance | None:
+    """Balance of the robot of a plan; ``None`` where `balance_of` has none, and for a plan that is
+    no complete robot."""
+    try:
+        robot = planned(plan)
+    except PlanError:
+        return None
+    has_hub = bool(plan.devices(DeviceKind.HUB))
+    return balance_of(robot) if has_hub else None
+
+
+def _wheels(planned: PlannedRobot) -> Iterator[Shape]:
+    """Wheels and casters."""
+    for wheel in planned.articulation.wheels:
+        placed = planned.plan.parts[wheel.part]
+        balls = [solid for solid in placed.part.solids if solid.form is Form.BALL]
+        radius_m = wheel.diameter_mm / 2000
+        if balls:
+            centre_m = TO_TWIN @ placed.point(balls[0].centre) * M_PER_LDU
+            half_m = np.full(3, balls[0].half[0] * M_PER_LDU)
+            yield Shape(wheel.link, wheel.part, Form.BALL, centre_m, np.eye(3), half_m)
+            continue
+        low, high = placed.part.bounds
+        half_width_m = float(high[2] - low[2]) / 2 * M_PER_LDU
+        axis = triple(TO_TWIN @ placed.rotation[:, 2])
+        yield Shape(
+            wheel.link,
+            wheel.part,
+            Form.CYLINDER,
+            wheel.centre_m,
+            np.array(frame_of(axis)),
+            np.array([radius_m, radius_m, half_width_m]),
+            is_level=True,
+        )
+
+
+def _outer(shapes: Sequence[Shape]) -> list[Shape]:
+    """Those shapes of a body that reach farthest in some direction in which it may tip: a few of
+    hundreds."""
+    tilts = np.radians(np.arange(0.0, _MOST_TILT_DEG, 8.0))
+    angles = np.radians(np.arange(0.0, 360.0, 15.0))
+    tilt, angle = (grid.ravel() for grid in np.meshgrid(tilts, angles))
+    around = np.sin(tilt)
+    directions = np.column_stack([around * np.cos(angle), around * np.sin(angle), -np.cos(tilt)])
+    reaches_m = np.array([shape.reach_m(directions) for shape in shapes])
+    return [shapes[number] for number in np.unique(reaches_m.argmax(axis=0))]
+
+
+def _moved(
+    shape: Shape,
+    turns: dict[int, Turns],
+    pose: int,
+) -> Shape:
+    """A shape where it is in a pose of the turn."""
+    if shape.body not in turns:
+        return shape
+    rotations, shifts_m = turns[shape.body]
+    rotation = rotations[pose]
+    centre_m = rotation @ shape.centre_m + shifts_m[pose]
+    return shape._replace(centre_m=centre_m, axes=shape.axes @ rotation.T)
+
+
+def _centre_m(
+    planned: PlannedRobot,
+    turns: dict[int, Turns],
+    pose: int,
+) -> Floats:
+    """The centre of mass [3] in a pose of the turn."""
+    moment = np.zeros(3)
+    mass_kg = 0.0
+    for number, body in enumerate(planned.articulation.bodies):
+        centre_m = body.centre_m
+        if number in turns:
+            rotations, shifts_m = turns[number]
+            centre_m = rotations[pose] @ centre_m + shifts_m[pose]
+        moment += body.mass_kg * centre_m
+        mass_kg += body.mass_kg
+    return moment / mass_kg
+
+
+def _tilt_deg(down: Floats) -> float:
+    """Angle between a direction [3] and that downwards of the plan."""
+    return math.degrees(math.acos(min(1.0, float(down @ _LEVEL))))
+
+
+def _rest(shapes: Sequence[Shape], centre_m: Floats) -> Floats:
+    """What direction [3] of a robot is downwards once it is at rest, if it is put down level."""
+    down = _LEVEL
+    angles = np.arange(_DIRECTIONS) * 2 * math.pi / _DIRECTIONS
+    around = np.column_stack([np.cos(angles), np.sin(angles)])  # [n, 2]
+    height_m = float(_heights_m(shapes, centre_m, down[None])[0])
+    for step_deg in _STEPS_DEG:
+        step = math.radians(step_deg)
+        while _tilt_deg(down) < _MOST_TILT_DEG:
+            first, second, _ = np.array(frame_of(triple(down)))
+            aside = around @ np.array([first, second])  # [n, 3]
+            tried = math.cos(step) * down + math.sin(step) * aside
+            heights_m = _heights_m(shapes, centre_m, tried)
+            best = int(np.argmin(heights_m))
+            if heights_m[best] > height_m - _DOWNHILL_M * step_deg:
+                break
+            down = tried[best]
+            height_m = float(heights_m[best])
+    return down
+
+
+def _heights_m(
+    shapes: Sequence[Shape],
+    centre_m: Floats,
+    downwards: Floats,
+) -> Floats:
+    """Height of the centre of mass above a floor, where directions [n, 3] are downwards [n]."""
+    reaches_m = np.max([shape.reach_m(downwards) for shape in shapes], axis=0)
+    return np.asarray(reaches_m - downwards @ centre_m)
+
+
+def _inside_m(
+    shapes: Sequence[Shape],
+    centre_m: Floats,
+    down: Floats,
+) -> tuple[float, str]:
+    """How far the centre of mass is inside of what touches the floor, at the nearest side, and that
+    side."""
+    points_m = np.concatenate([_contacts_m(shape) for shape in shapes]) - centre_m  # [n, 3]
+    reaches_m = points_m @ down
+    is_touching = reaches_m > reaches_m.max() - _TOUCHING_M
+    offsets_m = (points_m - np.outer(reaches_m, down))[is_touching, :2]
+    angles = np.arange(0.0, 2 * math.pi, math.radians(3.0))
+    around = np.column_stack([np.cos(angles), np.sin(angles)])
+    margins_m = (offsets_m @ around.T).max(axis=0)
+    nearest = int(np.argmin(margins_m))
+    x, y = around[nearest]
+    if abs(x) > abs(y):
+        side = "forwards" if x > 0 else "backwards"
+    else:
+        side = "to the left" if y > 0 else "to the right"
+    return float(margins_m[nearest]), side
+
+
+def _contacts_m(shape: Shape) -> Floats:
+    """Points [n, 3] at which a shape may touch a level floor."""
+    if shape.form is Form.BALL:
+        return np.array([shape.centre_m - (0.0, 0.0, shape.half_m[0])])
+    if shape.is_level:
+        return np.array([end_m - (0.0, 0.0, shape.half_m[0]) for end_m in shape.ends_m])
+    signs = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
+    return np.asarray(shape.centre_m + signs * shape.half_m @ shape.axes)

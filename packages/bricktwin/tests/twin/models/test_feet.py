@@ -1,0 +1,143 @@
+"""Feet of robots from plans: what touches the floor, at every angle of the motors."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+from bricktwin.plans.geometry import Form
+from bricktwin.plans.mechanism.roles import moved_by
+from bricktwin.plans.planned_robot import PlannedRobot, planned_robot
+from bricktwin.robots import plans
+from bricktwin.robots.planned import robot_of_plan
+from bricktwin.twin.models.balance import standing_shapes
+from bricktwin.twin.models.feet import Shape, feet_of, shapes_of, turns_of
+from bricktwin.twin.mujoco_body import MujocoBody
+from bricktwin.twin.physics import Physics
+from bricktwin.twin.scene import OPEN_FLOOR
+
+EXAMPLES = Path(__file__).parents[5] / "examples"
+WALKERS = sorted((EXAMPLES / "walkers").glob("*.ldr"))
+QUIET = Physics(distance_noise_mm=0, distance_noise_ratio=0, tilt_noise_deg=0, backlash_deg=0)
+
+
+def walker(name: str) -> PlannedRobot:
+    return planned_robot(EXAMPLES / "walkers" / f"{name}.ldr")
+
+
+def by_body(feet: tuple[Shape, ...]) -> dict[int, list[Shape]]:
+    found: dict[int, list[Shape]] = {}
+    for foot in feet:
+        found.setdefault(foot.body, []).append(foot)
+    return found
+
+
+def test_each_arm_of_a_star_is_a_foot() -> None:
+    assert [len(feet) for feet in by_body(feet_of(walker("star_wheels"))).values()] == [4] * 4
+
+
+def test_both_ends_of_a_beam_that_turns_about_its_middle_are_feet() -> None:
+    made = walker("two_legs")
+    legs = by_body(feet_of(made))
+    assert len(legs) == 2
+    for drive in made.articulation.drives:
+        heights_m = [foot.centre_m[2] - drive.joint.point_m[2] for foot in legs[drive.joint.child]]
+        assert sorted(heights_m) == pytest.approx([-0.032, 0.032], abs=1e-6)
+
+
+def test_a_plate_touches_as_the_box_that_it_is() -> None:
+    made = walker("plate_feet")
+    for feet in by_body(feet_of(made)).values():
+        lowest = feet[0] if len(feet) == 1 else min(feet, key=lambda foot: foot.lowest_m)
+        assert lowest.form is Form.BOX
+        assert made.plan.parts[lowest.part].part.family == "plates"
+
+
+def test_heel_and_toe_of_a_bent_leg_touch() -> None:
+    made = planned_robot(EXAMPLES / "15_six_legs.ldr")
+    assert [len(feet) for feet in by_body(feet_of(made)).values()] == [2] * 6
+
+
+def test_walker_stands_on_the_ends_of_its_legs_alone() -> None:
+    made = planned_robot(Path(plans.__path__[0]) / "walker.ldr")
+    feet = standing_shapes(made)
+    assert [made.plan.parts[foot.part].part.number for foot in feet] == ["41239"] * 4
+    assert all(foot.is_level for foot in feet)
+    # Its foot is three beams thick.
+    assert [foot.half_m[2] for foot in feet] == pytest.approx([0.012] * 4)
+
+
+def test_what_drags_is_a_foot_where_legs_alone_do_not_carry_the_robot() -> None:
+    made = walker("two_legs")
+    dragged = [foot for foot in standing_shapes(made) if foot.body == 0]
+    assert min(foot.centre_m[0] for foot in dragged) < -0.1
+    assert not [foot for foot in standing_shapes(walker("star_wheels")) if foot.body == 0]
+
+
+@pytest.mark.parametrize("path", WALKERS, ids=lambda path: path.stem)
+def test_nothing_but_feet_and_chassis_is_lowest_in_a_turn(path: Path) -> None:
+    made = planned_robot(path)
+    turns = turns_of(made)
+    downwards = np.array([[0.0, 0.0, -1.0]])
+
+    def reach_m(shape: Shape, pose: int) -> float:
+        rotations, shifts_m = turns[shape.body]
+        turned = downwards @ rotations[pose]
+        return float(shape.reach_m(turned)[0] + downwards[0] @ shifts_m[pose])
+
+    bodies = range(len(made.articulation.bodies))
+    everything = [shape for body in bodies if body in turns for shape in shapes_of(made, body)]
+    touching = [*feet_of(made), *shapes_of(made, 0)]
+    for pose in range(0, len(turns[0][0]), 3):
+        lowest_m = max(reach_m(shape, pose) for shape in everything)
+        assert max(reach_m(shape, pose) for shape in touching) == pytest.approx(lowest_m, abs=1e-3)
+
+
+@pytest.mark.parametrize("path", WALKERS, ids=lambda path: path.stem)
+def test_robot_is_put_down_on_its_feet(path: Path) -> None:
+    one = MujocoBody(robot_of_plan(path), OPEN_FLOOR, QUIET, 0)
+    start_m = np.array(one.data.qpos[:3])
+    one.advance_to(500)
+    assert np.abs(one.data.qpos[:3] - start_m).max() < 0.002
+    touching = {one.model.geom(geom).name for contact in one.data.contact for geom in contact.geom}
+    assert len([name for name in touching if name.startswith("foot_")]) >= 3
+
+
+@pytest.mark.parametrize("name", ["four_legs_two_motors", "klann_legs", "six_legs_two_motors"])
+def test_linkages_neither_open_nor_flip_in_full_turns(name: str) -> None:
+    made = walker(name)
+    one = MujocoBody(robot_of_plan(made.plan.path), OPEN_FLOOR, QUIET, 0)
+    for drive in made.articulation.drives:
+        # One side is faster, so that the legs meet in all phases.
+        share = 1.0 if drive.joint.point_m[1] > 0 else 0.9
+        sign = 1 if drive.joint.axis[1] > 0 else -1
+        one.set_voltage(drive.port, round(8000 * sign * share))
+    is_tie = one.model.eq_type != mujoco.mjtEq.mjEQ_JOINT
+    widest_m = 0.0
+    for time_ms in range(50, 2500, 50):
+        one.advance_to(time_ms)
+        rows = one.data.efc_id[: one.data.ne]
+        gaps_m = np.abs(one.data.efc_pos[: one.data.ne])[is_tie[rows]]
+        widest_m = max(widest_m, float(gaps_m.max(initial=0.0)))
+    # At full speed, rods and pins separate by less than a millimetre.
+    assert widest_m < 0.001
+
+    chassis = one.data.body("chassis").xmat.reshape(3, 3)
+    turns = turns_of(made)
+    poses = len(turns[0][0])
+    for drive in made.articulation.drives:
+        angle_deg = one.angle_mdeg(drive.port) / 1000
+        assert abs(angle_deg) > 720
+        pose = round(angle_deg / abs(drive.gear) / 360 * poses) % poses
+        for number in moved_by(made.articulation, drive):
+            own = "driven_" + drive.port if number == drive.joint.child else f"part_{number}"
+            turned = chassis.T @ one.data.body(own).xmat.reshape(3, 3)
+            expected = turns[number][0][pose]
+            cosine = (np.trace(expected.T @ turned) - 1) / 2
+            # Half of the way between two poses, and what rods and gears give way. A leg that has
+            # flipped is off by tens of degrees.
+            assert math.degrees(math.acos(min(1.0, cosine))) < 360 / poses / 2 + 5
