@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 from bricksrl.training import RunFolder
@@ -60,3 +61,14 @@ def test_goal_that_a_robot_cannot_learn_is_refused(bricksrl):
     done = bricksrl("learn", f"{PLANS / 'walker.ldr'}:park")
     assert done.returncode == 2
     assert done.stderr.splitlines()[-1].startswith("error: walker cannot learn to park in a bay")
+
+
+def test_robot_that_tips_over_is_told_why_before_it_learns(bricksrl, tmp_path):
+    lines = (PLANS / "two_wheeler.ldr").read_text(encoding="utf-8").splitlines()
+    without_caster = [line for line in lines if not line.endswith(" 39370c01.dat")]
+    assert len(without_caster) < len(lines)
+    path = tmp_path / "tipping.ldr"
+    path.write_text("\n".join(without_caster) + "\n", encoding="utf-8")
+    done = bricksrl("learn", str(path), "--look", "--json")
+    (note,) = json.loads(done.stdout)["notes"]
+    assert re.search(r"tips over backwards by \d+ degrees: its centre of mass, \d+ mm high", note)

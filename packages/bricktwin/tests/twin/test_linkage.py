@@ -7,10 +7,10 @@ import math
 import mujoco
 import numpy as np
 import pytest
+from bricktwin.twin.linkage import pose_at, sensed_qpos
 
 from brickhub.robot import Robot
 from bricktwin.robots import ROBO_ARM, TWO_WHEELER, WALKER
-from bricktwin.twin.linkage import pose_at, sensed_qpos
 from bricktwin.twin.make_body import make_body
 from bricktwin.twin.mujoco_body import MujocoBody
 from bricktwin.twin.physics import Physics

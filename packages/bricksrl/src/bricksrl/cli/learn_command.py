@@ -137,8 +137,14 @@ def _as_json(drawn: DrawnRobot, offered: list[Offer]) -> dict[str, Any]:
 
 
 def _notes(drawn: DrawnRobot) -> list[str]:
-    """What a builder has to know of a drawing."""
+    """What a builder has to know of a drawing before its robot learns."""
+    from bricktwin.plans.planned_robot import planned_robot
+    from bricktwin.twin.models.balance import balance_of
+
     notes = [f"{drawn.robot.name}, {lack}." for lack in drawn.lacks]
+    balance = balance_of(planned_robot(drawn.path))
+    if balance is not None and balance.fault is not None:
+        notes.append(f"{drawn.robot.name}: {balance.fault}.")
     if not drawn.is_wired and (drawn.motors or drawn.sensors):
         notes.append(
             "The plan says no ports, so they are given in the order of building: plug the cables "

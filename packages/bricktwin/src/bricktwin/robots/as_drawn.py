@@ -94,6 +94,7 @@ class DrawnRobot:
     """A robot as it is drawn.
 
     Attributes:
+        path: of the plan.
         robot: its description.
         motors, sensors: in its order, with what the plan shows of them.
         hub: the part that is its hub.
@@ -101,6 +102,7 @@ class DrawnRobot:
         is_wired: whether the plan says the ports.
     """
 
+    path: Path
     robot: Robot
     motors: tuple[DrawnMotor, ...]
     sensors: tuple[DrawnSensor, ...]
@@ -146,6 +148,7 @@ def robot_as_drawn(path: Path | str) -> DrawnRobot:
         mirrored=tuple(_mirrored(motors)),
     )
     return DrawnRobot(
+        file,
         robot,
         tuple(motors),
         tuple(sensors),
