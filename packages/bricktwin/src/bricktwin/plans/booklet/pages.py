@@ -22,7 +22,6 @@ from bricktwin.drawing import import_matplotlib
 from bricktwin.plans.booklet.instructions import Instruction, Scene, instructions, placed_items
 from bricktwin.plans.booklet.parts_list import parts_list
 from bricktwin.plans.booklet.picture import (
-    OVERSAMPLING,
     VIEWS,
     Picture,
     Pixels,
@@ -40,17 +39,19 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 FORMATS = (".pdf", ".html")
-DPI = 300
+DPI = 400
+"""Points per inch of a picture, one ray each. A viewer shows the mean of several, and a printer
+prints points as small."""
 # A page is half of an A4 sheet, in landscape; sizes are in inches.
 _WIDTH = 8.27
 _HEIGHT = 5.83
 _MM_PER_INCH = 25.4
-_LIFE_SIZE = MM_PER_LDU / _MM_PER_INCH * DPI * OVERSAMPLING
-"""Rays per LDU of a picture as large as the parts."""
+_LIFE_SIZE = MM_PER_LDU / _MM_PER_INCH * DPI
+"""Points per LDU of a picture as large as the parts."""
 _SCALES = tuple(_LIFE_SIZE * 1.15 * 0.84**step for step in range(30))
 """Scales of pictures. They are few, so that the parts of many steps are drawn only once."""
-_COLOURS = 64
-"""Colours of a picture in a PDF; a page in HTML has twice as many."""
+_COLOURS = 128
+"""Colours of a picture, and of a page in HTML."""
 _HTML_DPI = 150
 _LIST_COLUMNS = 6
 _LIST_ROWS = 3
@@ -192,7 +193,7 @@ def _fitted(
 ) -> Picture:
     """A picture that fits into a width and height, at most so many times as large as the parts."""
     width, height = extent(shown, view)
-    room = min(inches[0] / width, inches[1] / height) * DPI * OVERSAMPLING
+    room = min(inches[0] / width, inches[1] / height) * DPI
     # The limit is a little larger than the scale that it must include, which rounding might put
     # just above it.
     limit = min(room, largest * _LIFE_SIZE * 1.001)
@@ -317,11 +318,12 @@ def _pdf(plan: Plan, pages: Iterable[Page]) -> tuple[bytes, int]:
 
     # Names of parts and robots may contain a dollar sign, which Matplotlib would take for a
     # formula.
-    as_text: Any = {"text.parse_math": False}
+    # Pictures keep their points.
+    style: Any = {"text.parse_math": False, "image.interpolation": "none"}
     buffer = io.BytesIO()
     # The file has no date, so that the same plan makes the same bytes.
     metadata = {"Title": plan.title, "Creator": "BricksRL", "CreationDate": None}
-    with rc_context(as_text), PdfPages(buffer, metadata=metadata) as pdf:
+    with rc_context(style), PdfPages(buffer, metadata=metadata) as pdf:
         for number, page in enumerate(pages, 1):
             pdf.savefig(_figure(page, number))
     return buffer.getvalue(), number
@@ -336,11 +338,11 @@ def _html(plan: Plan, pages: Iterable[Page]) -> tuple[bytes, int]:
     for number, page in enumerate(pages, 1):
         buffer = io.BytesIO()
         png = io.BytesIO()
-        with rc_context({"text.parse_math": False}):
+        with rc_context({"text.parse_math": False, "image.interpolation": "antialiased"}):
             _figure(page, number).savefig(buffer, format="png", dpi=_HTML_DPI)
         # Few colours are enough for a drawing, and make the file a third as large.
         image = Image.open(buffer).convert("RGB")
-        image = image.quantize(2 * _COLOURS, dither=Image.Dither.NONE)
+        image = image.quantize(_COLOURS, dither=Image.Dither.NONE)
         image.save(png, format="png", optimize=True)
         item_texts = [f"{item.count} x {item.text}" for item in page.items]
         texts = [page.head, *item_texts, *page.lines, page.note]
@@ -612,21 +614,9 @@ def _put(
     bottom = top - height
     axes = figure.add_axes((left / _WIDTH, bottom / _HEIGHT, width / _WIDTH, height / _HEIGHT))
     axes.set_zorder(len(figure.get_children()))
-    axes.imshow(_indexed(picture.pixels(bright, paper), paper), interpolation="none", aspect="auto")
+    axes.imshow(picture.pixels(bright, paper, _COLOURS), aspect="auto")
     axes.set_axis_off()
     return left, top
-
-
-def _indexed(pixels: Pixels, paper: tuple[float, float, float]) -> Pixels:
-    """A picture with few colours, which takes a third of the bytes. The paper keeps its own
-    colour."""
-    image = Image.fromarray(pixels).quantize(_COLOURS, dither=Image.Dither.NONE)
-    few = np.asarray(image.convert("RGB")).copy()
-    # The palette may shift the colour of the paper, and the edge of the picture would then be seen
-    # on the page.
-    blank = np.round(np.array(paper) * 255).astype(np.uint8)
-    few[(pixels == blank).all(axis=-1)] = blank
-    return few
 
 
 def _inches(
