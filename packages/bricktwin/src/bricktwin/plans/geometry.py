@@ -154,6 +154,11 @@ class Solid:
         """The rows of ``axes`` as a matrix [3, 3]."""
         return np.array(self.axes)
 
+    @cached_property
+    def offset(self) -> Floats:
+        """The centre along its own axes [3]."""
+        return self.frame @ np.array(self.centre)
+
     def corners(self) -> Floats:
         """Corners [8, 3] of the bounding box along ``axes``."""
         return self._corners.copy()

@@ -86,7 +86,7 @@ class Seen(NamedTuple):
 
 def seen(solid: Solid, axes: Reals) -> Seen:
     """A solid in a view; ``axes``: right, down, away in the part's frame [3, 3]."""
-    return Seen(solid.frame @ axes.T, solid.frame @ np.array(solid.centre))
+    return Seen(solid.frame @ axes.T, solid.offset)
 
 
 def pixel_box(
@@ -123,20 +123,19 @@ class Grid(NamedTuple):
         constant: float,
     ) -> Reals:
         """Values ``right`` x + ``down`` y + ``constant`` of all rays [h, w]."""
-        columns = (right * self.x).astype(np.float32)
-        rows = (down * self.y + constant).astype(np.float32)
-        return np.asarray(rows[:, None] + columns)
+        rows = down * self.y + constant
+        return np.asarray(rows[:, None] + right * self.x)
 
     def spans(self, solid: Solid) -> list[Spans]:
         """Spans of the rays in a solid: one, or for a ring two, before and behind its bore."""
         turned, centre = seen(solid, self.axes)
         if solid.form is Form.BOX:
-            slabs = [self._slab(turned[axis], centre[axis], solid.half[axis]) for axis in range(3)]
-            return [_common(*slabs)]
+            sides = zip(turned, centre.tolist(), solid.half, strict=True)
+            return [_common(*(self._slab(*side) for side in sides))]
         if solid.form is Form.BALL:
             return [self._ball(turned, centre, solid.half[0])]
         radius, bore_radius, half_length = solid.half
-        ends = self._slab(turned[2], centre[2], half_length)
+        ends = self._slab(turned[2], float(centre[2]), half_length)
         outer = _common(self._tube(turned[:2], centre[:2], radius), ends)
         if solid.form is Form.CYLINDER:
             return [outer]
@@ -160,9 +159,9 @@ class Grid(NamedTuple):
             across = self.plane(right, down, -centre)
             return _everywhere(np.abs(across) < half)
         reach = half / abs(away)
-        middle = (-right / away, -down / away, centre / away)
-        enter = self.plane(*middle[:2], middle[2] - reach)
-        leave = self.plane(*middle[:2], middle[2] + reach)
+        middle = centre / away
+        enter = self.plane(-right / away, -down / away, middle - reach)
+        leave = self.plane(-right / away, -down / away, middle + reach)
         return Spans(enter, leave)
 
     def _tube(
@@ -175,8 +174,8 @@ class Grid(NamedTuple):
         along = turned[:, 2]
         square = float(along @ along)
         if square < _PARALLEL:
-            first = self.plane(*turned[0, :2].tolist(), -centre[0])
-            second = self.plane(*turned[1, :2].tolist(), -centre[1])
+            first = self.plane(*turned[0, :2].tolist(), float(-centre[0]))
+            second = self.plane(*turned[1, :2].tolist(), float(-centre[1]))
             return _everywhere(first**2 + second**2 < radius**2)
         # The ray comes nearest to the axis in the middle of its way through the cylinder; both
         # that depth and how near it comes depend on x and y like planes.
@@ -193,7 +192,7 @@ class Grid(NamedTuple):
         radius: float,
     ) -> Spans:
         x, y, away = (centre @ turned).tolist()
-        from_middle = (np.square(self.y - y)[:, None] + np.square(self.x - x)).astype(np.float32)
+        from_middle = np.square(self.y - y)[:, None] + np.square(self.x - x)
         middle = np.full(from_middle.shape, away, dtype=np.float32)
         return _around(middle, from_middle, radius, 1.0)
 
@@ -235,8 +234,8 @@ def grid(
     zoom: float,
 ) -> Grid:
     """The rays through the middles of these columns and rows."""
-    x = (np.arange(box.left, box.right) + 0.5) / zoom
-    y = (np.arange(box.top, box.bottom) + 0.5) / zoom
+    x = (np.arange(box.left, box.right, dtype=np.float32) + 0.5) / zoom
+    y = (np.arange(box.top, box.bottom, dtype=np.float32) + 0.5) / zoom
     return Grid(x, y, axes)
 
 
