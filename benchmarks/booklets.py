@@ -73,7 +73,7 @@ def booklet_cpu_s(path: Path) -> float:
         out = str(Path(folder) / "booklet.pdf")
         command = [sys.executable, "-m", "bricktwin", "plan", "steps", str(path), "--out", out]
         one_core = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
-        subprocess.run(command, check=True, capture_output=True, env=one_core)
+        subprocess.run(command, check=True, capture_output=True, env=one_core)  # noqa: S603
     after = os.times()
     user_s = after.children_user - before.children_user
     return user_s + after.children_system - before.children_system

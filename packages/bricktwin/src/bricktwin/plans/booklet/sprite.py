@@ -1,7 +1,7 @@
 """A part from one direction, drawn once for all of its places: depth, light and lines. LDraw
 units."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
