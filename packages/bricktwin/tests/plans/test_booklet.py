@@ -272,7 +272,7 @@ def test_each_page_is_told_of_when_it_is_drawn(coarse, tmp_path):
         tmp_path / "robot.pdf",
         lambda *page: told.append(page),
     )
-    assert told == [(number, count) for number in range(1, count + 1)]
+    assert told == [(0, 0), *((number, count) for number in range(1, count + 1))]
 
 
 def test_committed_booklet_is_that_of_the_plan_as_it_is(coarse, tmp_path):

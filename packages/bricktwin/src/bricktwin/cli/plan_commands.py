@@ -196,8 +196,10 @@ class _PageNotes:
         count: int,
     ) -> None:
         """Say that a page is drawn, unless something was said just now."""
+        if not count:
+            print_note("finding steps in which it can be built")
         now_s = time.monotonic()
-        if now_s - self.said_s >= _SILENCE_S:
+        if number and now_s - self.said_s >= _SILENCE_S:
             self.said_s = now_s
             print_note(f"page {number} of {count}")
 
@@ -220,6 +222,5 @@ class PlanSteps:
 
         plan = read_named_plan(self.plan)
         _print_faults(plan)
-        print_note(f"finding a way to build {counted(len(plan.parts), 'part')}")
         pages = write_booklet(plan, self.out, _PageNotes())
         print_line(f"{counted(pages, 'page')}: {self.out}")

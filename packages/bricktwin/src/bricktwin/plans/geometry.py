@@ -157,7 +157,7 @@ class Solid:
     @cached_property
     def offset(self) -> Floats:
         """The centre along its own axes [3]."""
-        return self.frame @ np.array(self.centre)
+        return np.asarray(self.frame @ np.array(self.centre))
 
     def corners(self) -> Floats:
         """Corners [8, 3] of the bounding box along ``axes``."""

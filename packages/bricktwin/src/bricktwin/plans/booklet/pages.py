@@ -113,7 +113,8 @@ class Page:
 
 
 OnPage = Callable[[int, int], None]
-"""What is told of each page that is done: its number, and how many there are."""
+"""What is told of each page that is done: its number, and how many there are; both are 0 at the
+beginning, while the steps are sought."""
 
 
 def write_booklet(
@@ -131,6 +132,7 @@ def write_booklet(
         )
     check_writable(path)
     write = _pdf if path.suffix.lower() == ".pdf" else _html
+    on_page(0, 0)
     pages = Pages(plan)
     data = write(plan, _told(pages, on_page))
     write_durably(path, data)

@@ -17,11 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from bricktwin.plans.booklet.rays import Ints, Reals, Window
+from bricktwin.plans.booklet.rays import Box, Ints, Reals, Window, around
 from bricktwin.plans.booklet.sprite import (
     BRIGHTEST,
     JUMP,
-    LINE,
     SHADES,
     Sprite,
     neighbours,
@@ -47,6 +46,10 @@ _EDGE = 0.10
 """Brightness of the lines of a part in full colour."""
 _LIGHT_EDGE = 0.50
 """Brightness of the lines of a black part in full colour."""
+_PAPER = 0
+"""Number of the paper's colour in a palette, as the next two are those of lines."""
+_DARK_LINE = 1
+_LIGHT_LINE = 2
 _MAX_POINTS = 25_000_000
 """Largest number of points of all sprites that are kept, at eight bytes each."""
 
@@ -99,16 +102,24 @@ class _Place(NamedTuple):
     top: int
     away: float
 
+    @property
+    def box(self) -> Box:
+        """Its columns and rows."""
+        height, width = self.sprite.depth.shape
+        return Box(
+            self.left,
+            self.top,
+            self.left + width,
+            self.top + height,
+        )
+
     def window(
         self,
         left: int,
         top: int,
     ) -> Window:
         """Its rows and columns in a picture that begins at another column and row."""
-        height, width = self.sprite.depth.shape
-        y = self.top - top
-        x = self.left - left
-        return slice(y, y + height), slice(x, x + width)
+        return self.box.window(left, top)
 
 
 @functools.lru_cache(maxsize=256)
@@ -118,10 +129,13 @@ def _look(code: int, *, is_bright: bool) -> Floats:
     main = np.maximum(colour_of(code).rgb, _DARKEST)
     tones = np.array([TINTS.get(tint, main) for tint in Tint])  # [tints, 3]
     shades = np.linspace(0.0, BRIGHTEST, SHADES)
-    colours = np.minimum(tones[:, None] * shades[:, None], 1.0).reshape(-1, 3)  # [coats, 3]
-    line = _LIGHT_EDGE if main.max() < _BLACK else _EDGE
+    lit = tones[:, None] * shades[:, None]  # [tints, shades, 3]
+    colours = np.minimum(lit, 1.0).reshape(-1, 3)  # [coats, 3]
+    is_black = main.max() < _BLACK
+    line = _LIGHT_EDGE if is_black else _EDGE
     if not is_bright:
-        colours = (1 - _FADED) * colours + _FADED * _FADE_TO
+        kept = (1 - _FADED) * colours
+        colours = kept + _FADED * _FADE_TO
         line = _FADED_EDGE
     return np.vstack([colours, [line] * 3])
 
@@ -191,70 +205,77 @@ class Picture:
     ) -> Pixels:
         """The picture [h, w, 3] on paper of a colour, in at most so many ``colours``; ``bright``:
         parts in full colour, the others fade; ``None`` fades none."""
-        looks = {}
-        for place in self.places:
-            is_bright = bright is None or place.placed.index in bright
-            looks[place.placed.index] = (place.placed.colour, is_bright)
-        tables = {key: _look(key[0], is_bright=key[1]) for key in looks.values()}
-        numbers = {key: number for number, key in enumerate(tables)}
-        # The colours of all coats of all looks, then those of lines around parts and of the paper.
-        palette = np.vstack([*tables.values(), [_EDGE] * 3, [_FADED_EDGE] * 3, paper])
-        last = len(palette) - 1
-        coats = np.full(self.owner.shape, last, dtype=np.uint16)
+        palette = _Palette(paper)
+        coats = np.full(self.owner.shape, _PAPER, dtype=np.uint16)
+        dark: list[int] = []
         for place in self.places:
             index = place.placed.index
+            is_bright = bright is None or index in bright
+            if is_bright:
+                dark.append(index)
+            first = palette.first_of(place.placed.colour, is_bright=is_bright)
             window = place.window(self.left, self.top)
             is_shown = self.owner[window] == index
             if is_shown.any():
-                first = numbers[looks[index]] * (LINE + 1)
-                coats[window][is_shown] = place.sprite.coat[is_shown] + np.uint16(first)
-        dark = {index for index, (_, is_bright) in looks.items() if is_bright}
-        self._outline(coats, dark, last - 2)
-        return few_colours(coats, palette, colours)
+                shown = place.sprite.coat[is_shown]
+                coats[window][is_shown] = shown + np.uint16(first)
+        self._outline(coats, dark)
+        return palette.pixels(coats, colours)
 
-    def _outline(
-        self,
-        coats: Ints,
-        dark: set[int],
-        line: int,
-    ) -> None:
-        """Draw the lines between parts, in the coat ``line`` beside the parts in ``dark`` and the
-        one after it elsewhere."""
+    def _outline(self, coats: Ints, dark: Sequence[int]) -> None:
+        """Draw the lines between parts: dark beside these parts, and light elsewhere."""
         is_dark = np.zeros(max(self.alone) + 2, dtype=bool)
-        is_dark[list(dark)] = True
+        is_dark[dark] = True
         # The line between two parts has the darker of their two tones, on both sides, so that a
         # bright part stands out from faded ones. Dark lines are drawn last, over light ones.
-        borders = []
-        for first, second in neighbours():
-            rows, columns = np.nonzero(self.owner[first] != self.owner[second])
-            first_dark = is_dark[self.owner[first][rows, columns]]
-            second_dark = is_dark[self.owner[second][rows, columns]]
-            borders.append((first, second, rows, columns, first_dark | second_dark))
-        for tone, wanted in ((line + 1, False), (line, True)):
-            for first, second, rows, columns, is_darker in borders:
-                chosen = is_darker == wanted
-                coats[first][rows[chosen], columns[chosen]] = tone
-                coats[second][rows[chosen], columns[chosen]] = tone
+        for coat in (_LIGHT_LINE, _DARK_LINE):
+            for first, second in neighbours():
+                here = self.owner[first]
+                beside = self.owner[second]
+                rows, columns = np.nonzero(here != beside)
+                darker = is_dark[here[rows, columns]] | is_dark[beside[rows, columns]]
+                is_wanted = darker == (coat == _DARK_LINE)
+                rows = rows[is_wanted]
+                columns = columns[is_wanted]
+                coats[first][rows, columns] = coat
+                coats[second][rows, columns] = coat
 
 
-def few_colours(
-    coats: Ints,
-    palette: Floats,
-    most: int,
-) -> Pixels:
-    """Pixels [h, w, 3] of at most so many colours, of indices [h, w] in a palette [n, 3] of 0..1.
-    The last colour, that of the paper, stays as it is."""
-    exact = np.round(palette * 255).astype(np.uint8)
-    used = np.flatnonzero(np.bincount(coats.ravel(), minlength=len(palette))[:-1])
-    if len(used) >= most:
-        row = Image.fromarray(exact[used][None])
-        fewer = row.quantize(most - 1, dither=Image.Dither.NONE).convert("RGB")
-        exact[used] = np.asarray(fewer)[0]
-    # Taking one number a point costs a third of the time of three.
-    packed = np.zeros((len(palette), 4), dtype=np.uint8)
-    packed[:, :3] = exact
-    pixels = packed.view(np.uint32)[:, 0][coats]
-    return pixels.view(np.uint8).reshape(*coats.shape, 4)[..., :3]
+class _Palette:
+    """Colours of a picture, each with its number: of paper, of lines between parts, and of all
+    coats of each look that a part has."""
+
+    def __init__(self, paper: tuple[float, float, float]) -> None:
+        lines = [[tone] * 3 for tone in (_EDGE, _FADED_EDGE)]
+        self._tables = [np.array([paper, *lines])]
+        self._firsts: dict[tuple[int, bool], int] = {}
+
+    def first_of(self, code: int, *, is_bright: bool) -> int:
+        """Number of the first coat of a part of a colour, in full colour or faded."""
+        key = (code, is_bright)
+        if key not in self._firsts:
+            self._firsts[key] = sum(map(len, self._tables))
+            self._tables.append(_look(code, is_bright=is_bright))
+        return self._firsts[key]
+
+    def pixels(self, coats: Ints, most: int) -> Pixels:
+        """Pixels [h, w, 3] of these coats [h, w], in at most so many colours."""
+        colours = np.concatenate(self._tables)
+        exact = np.round(colours * 255).astype(np.uint8)  # [n, 3]
+        counts = np.bincount(coats.ravel(), minlength=len(exact))
+        # Paper keeps its own colour, as the edge of the picture would else be seen on the page.
+        counts[_PAPER] = 0
+        used = np.flatnonzero(counts)
+        if len(used) >= most:
+            row = Image.fromarray(exact[used][None])
+            fewer = row.quantize(most - 1, dither=Image.Dither.NONE)
+            exact[used] = np.asarray(fewer.convert("RGB"))[0]
+        # Taking one number a point costs a third of the time of three.
+        packed = np.zeros((len(exact), 4), dtype=np.uint8)
+        packed[:, :3] = exact
+        pixels = packed.view(np.uint32)[:, 0][coats]
+        colours_of_points = pixels.view(np.uint8).reshape(*coats.shape, 4)
+        return colours_of_points[..., :3]
 
 
 class Studio:
@@ -274,11 +295,12 @@ class Studio:
     ) -> Picture:
         """A picture of parts, as large as they are with a margin (points)."""
         places = [self._place(part, view.axes, zoom) for part in shown]
-        left = min(place.left for place in places) - margin
-        top = min(place.top for place in places) - margin
-        right = max(place.left + place.sprite.depth.shape[1] for place in places) + margin
-        bottom = max(place.top + place.sprite.depth.shape[0] for place in places) + margin
-        size = (bottom - top, right - left)
+        whole = around([place.box for place in places])
+        left = whole.left - margin
+        top = whole.top - margin
+        height = whole.bottom - top + margin
+        width = whole.right - left + margin
+        size = (height, width)
         depth = np.full(size, np.inf, dtype=np.float32)
         owner = np.full(size, -1, dtype=np.int32)
         for place in places:

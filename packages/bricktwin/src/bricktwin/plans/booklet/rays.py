@@ -56,6 +56,17 @@ class Box(NamedTuple):
         return None if is_empty else shared
 
 
+def around(boxes: Sequence[Box]) -> Box:
+    """The least box with all of these in it."""
+    left, top, right, bottom = zip(*boxes, strict=True)
+    return Box(
+        min(left),
+        min(top),
+        max(right),
+        max(bottom),
+    )
+
+
 class Spans(NamedTuple):
     """Depths at which rays enter and leave a convex solid; NaN for a ray that misses it."""
 
@@ -174,8 +185,9 @@ class Grid(NamedTuple):
         along = turned[:, 2]
         square = float(along @ along)
         if square < _PARALLEL:
-            first = self.plane(*turned[0, :2].tolist(), float(-centre[0]))
-            second = self.plane(*turned[1, :2].tolist(), float(-centre[1]))
+            (right, down), (right_too, down_too) = turned[:, :2].tolist()
+            first = self.plane(right, down, float(-centre[0]))
+            second = self.plane(right_too, down_too, float(-centre[1]))
             return _everywhere(first**2 + second**2 < radius**2)
         # The ray comes nearest to the axis in the middle of its way through the cylinder; both
         # that depth and how near it comes depend on x and y like planes.

@@ -9,10 +9,10 @@ from typing import NamedTuple
 import numpy as np
 
 from bricktwin.plans.booklet.rays import (
-    Box,
     Ints,
     Reals,
     Window,
+    around,
     cuts_in,
     first_material,
     grid,
@@ -86,10 +86,11 @@ class Sprite:
     def coat(self) -> Ints:
         """What its points [h, w] look like: the number of their tint times `SHADES` plus their
         shade, or `LINE`. A picture that only tries a view does without."""
-        normals = np.zeros((self.depth.size, 3), dtype=np.float32)
-        faces = np.full(self.depth.size, -1, dtype=np.int32)
-        coat = np.zeros(self.depth.size, dtype=np.uint16)
-        light = _LIGHT.astype(np.float32)
+        shape = self.depth.shape
+        points_count = self.depth.size
+        normals = np.zeros((points_count, 3), dtype=np.float32)
+        faces = np.full(points_count, -1, dtype=np.int32)
+        coat = np.zeros(points_count, dtype=np.uint16)
         for number, points in self._points_of_sources():
             solid, tint, is_cut = self.sources[number]
             face, outward = self._normals(solid, points)
@@ -98,13 +99,12 @@ class Sprite:
                 outward = -outward
             normals[points] = outward
             faces[points] = face + _FACES * number
-            facing = np.maximum(outward @ light, _DARKEST_SIDE)  # [n]
-            brightness = (_AMBIENT + _DIFFUSE * facing) * (_HOLLOW if is_cut else 1.0)
-            coat[points] = brightness * ((SHADES - 1) / BRIGHTEST) + (tint * SHADES + 0.5)
-        shape = self.depth.shape
-        is_line = _lines(self.depth, faces.reshape(shape), normals.reshape(*shape, 3))
-        coat.reshape(shape)[is_line] = LINE
-        return coat.reshape(shape)
+            coat[points] = _shades(outward, is_cut=is_cut) + tint * SHADES
+        coat = coat.reshape(shape)
+        faces = faces.reshape(shape)
+        normals = normals.reshape(*shape, 3)
+        coat[_lines(self.depth, faces, normals)] = LINE
+        return coat
 
     def _points_of_sources(self) -> Iterator[tuple[int, Ints]]:
         """Each source that is seen, with the indices of its points in the flattened arrays."""
@@ -113,31 +113,64 @@ class Sprite:
         covered = np.flatnonzero(self.source >= 0)
         sources = self.source.ravel()[covered]
         order = covered[np.argsort(sources, kind="stable")]
-        counts = np.bincount(sources, minlength=len(self.sources))
-        ends = np.cumsum(counts)
-        for number in np.flatnonzero(counts).tolist():
-            yield number, order[ends[number] - counts[number] : ends[number]]
+        end = 0
+        for number, count in enumerate(np.bincount(sources).tolist()):
+            begin = end
+            end += count
+            if count:
+                yield number, order[begin:end]
 
     def _normals(self, solid: Solid, points: Ints) -> tuple[Ints, Reals]:
         """Faces [n] of a solid at these points, and their normals [n, 3] in the view, out of the
         solid."""
         turned, centre = seen(solid, self.axes)
+        axes = turned.astype(np.float32)
+        middle = centre.astype(np.float32)
+        local = axes @ self._places(points) - middle[:, None]  # [3, n]
+        if solid.form is Form.BALL:
+            # It has a single face.
+            face = np.zeros(len(points), dtype=np.int32)
+            from_middle = local / np.float32(solid.half[0])
+            return face, from_middle.T @ axes
+        if solid.form is Form.BOX:
+            return _box_faces(solid, local, axes)
+        return _round_faces(solid, local, axes)
+
+    def _places(self, points: Ints) -> Reals:
+        """Where points [n] are: right, down and away [3, n], LDU."""
         rows, columns = np.divmod(points, self.depth.shape[1])
         x = (columns + (self.left + 0.5)) / self.zoom
         y = (rows + (self.top + 0.5)) / self.zoom
-        in_view = np.stack([x, y, self.depth.ravel()[points]]).astype(np.float32)
-        local = turned.astype(np.float32) @ in_view - centre.astype(np.float32)[:, None]  # [3, n]
-        axes = turned.astype(np.float32)
-        if solid.form is Form.BALL:
-            outward = local.T @ axes / np.float32(solid.half[0])
-            return np.zeros(len(points), dtype=np.int32), outward
-        if solid.form is Form.BOX:
-            gaps = np.abs(np.abs(local) - np.array(solid.half, dtype=np.float32)[:, None])
-            axis = np.argmin(gaps, axis=0)
-            is_upper = np.take_along_axis(local, axis[None], axis=0)[0] > 0
-            face = 2 * axis + is_upper
-            return face, np.stack([-axes, axes], axis=1).reshape(6, 3)[face]
-        return _round_faces(solid, local, axes)
+        away = self.depth.ravel()[points]
+        return np.stack([x, y, away]).astype(np.float32)
+
+
+def _shades(normals: Reals, *, is_cut: bool) -> Reals:
+    """Number of the shade of surfaces with these normals [n, 3] in a view."""
+    facing = normals @ _LIGHT.astype(np.float32)
+    lit = _DIFFUSE * np.maximum(facing, _DARKEST_SIDE)
+    brightness = _AMBIENT + lit
+    if is_cut:
+        brightness *= _HOLLOW
+    shade = brightness / BRIGHTEST * (SHADES - 1)
+    return np.asarray(shade.round())
+
+
+def _box_faces(
+    solid: Solid,
+    local: Reals,
+    axes: Reals,
+) -> tuple[Ints, Reals]:
+    """Faces [n] and normals [n, 3] at points of a box [3, n] along its axes."""
+    half = np.array(solid.half, dtype=np.float32)
+    gaps = np.abs(local) - half[:, None]
+    axis = np.abs(gaps).argmin(axis=0)
+    place = np.take_along_axis(local, axis[None], axis=0)[0]
+    is_upper = place > 0
+    # Of each axis, the lower face comes before the upper one.
+    face = 2 * axis + is_upper
+    outward = np.stack([-axes, axes], axis=1)  # [3, 2, 3]
+    return face, outward.reshape(6, 3)[face]
 
 
 def _round_faces(
@@ -147,20 +180,25 @@ def _round_faces(
 ) -> tuple[Ints, Reals]:
     """Faces [n] and normals [n, 3] at points of a cylinder or a ring [3, n] along its axes."""
     outer, bore, half_length = solid.half
-    radius = np.maximum(np.hypot(local[0], local[1]), np.float32(1e-9))
-    gaps = [np.abs(half_length - np.abs(local[2])), np.abs(outer - radius)]
+    x, y, along = local
+    radius = np.hypot(x, y)
+    radius = np.maximum(radius, np.float32(1e-9))
+    from_end = np.abs(np.abs(along) - half_length)
+    from_side = np.abs(radius - outer)
+    gaps = [from_end, from_side]
     if solid.form is Form.RING:
         gaps.append(np.abs(radius - bore))
+    nearest = np.argmin(gaps, axis=0)
     # The ends are the faces 0 and 1, the side is 2 and the bore 3.
-    face = np.argmin(gaps, axis=0) + 1
-    is_end = face == 1
+    face = nearest + 1
+    is_end = nearest == 0
+    face[is_end & (along < 0)] = 0
     # In a bore the normal points towards the axis, because that is out of the material.
-    outwards = np.where(face == 3, -1.0, 1.0) / radius
+    outwards = np.where(nearest == 2, -1.0, 1.0)
     outwards[is_end] = 0.0
-    along = np.where(is_end, np.sign(local[2]), 0.0)
-    sides = local[:2] * outwards
-    face[is_end & (local[2] < 0)] = 0
-    return face, np.stack([*sides, along], axis=1).astype(np.float32) @ axes
+    upwards = np.where(is_end, np.sign(along), 0.0)
+    normals = np.stack([x / radius * outwards, y / radius * outwards, upwards], axis=1)
+    return face, normals.astype(np.float32) @ axes
 
 
 def sprite_of(
@@ -172,12 +210,7 @@ def sprite_of(
     LDU."""
     look = look_of(part)
     boxes = [pixel_box(piece.solid, axes, zoom) for piece in look]
-    whole = Box(
-        min(box.left for box in boxes),
-        min(box.top for box in boxes),
-        max(box.right for box in boxes),
-        max(box.bottom for box in boxes),
-    )
+    whole = around(boxes)
     size = (whole.bottom - whole.top, whole.right - whole.left)
     # For each ray, `depth` is where it first meets material and `source` the index in `sources` of
     # what it meets there.
@@ -190,18 +223,19 @@ def sprite_of(
         with np.errstate(invalid="ignore"):
             cuts = cuts_in(piece.cuts, box, axes, zoom)
             spans = grid(box, axes, zoom).spans(piece.solid)
+        # A piece adds its solid to `sources` and then its cuts, which count from 0: the solid,
+        # whose number is -1, comes first.
+        first = len(sources) + 1
         for span in spans:
             at, cut_by = first_material(span, cuts)
             # Two surfaces may be in the same place. The margin keeps the one that was drawn first,
             # whatever the rounding.
             is_nearer = at < depth[window] - _SAME_PLACE
             np.copyto(depth[window], at, where=is_nearer)
-            # A piece adds its solid to `sources` and then its cuts, so that `cut_by` = -1 is the
-            # solid.
-            cut_by += len(sources) + 1
-            np.copyto(source[window], cut_by, where=is_nearer)
+            np.copyto(source[window], cut_by + np.int16(first), where=is_nearer)
         sources.append(_Source(piece.solid, piece.tint, is_cut=False))
-        sources += [_Source(cut.solid, piece.tint, is_cut=True) for cut in cuts]
+        for cut in cuts:
+            sources.append(_Source(cut.solid, piece.tint, is_cut=True))
     return Sprite(
         whole.left,
         whole.top,
@@ -226,11 +260,14 @@ def _lines(
             steps = np.abs(depth[first] - depth[second])
         is_line[first] |= (steps > JUMP) & (steps < np.inf)
         # Within a face there is no fold, so few points remain whose normals are compared.
-        is_other = (faces[first] != faces[second]) & (faces[first] >= 0) & (faces[second] >= 0)
-        rows, columns = np.nonzero(is_other)
-        there = normals[first][rows, columns]
-        beside = normals[second][rows, columns]
-        is_fold = np.einsum("ij,ij->i", there, beside) < _FOLD
+        here = faces[first]
+        beside = faces[second]
+        is_border = (here != beside) & (here >= 0) & (beside >= 0)
+        rows, columns = np.nonzero(is_border)
+        normals_here = normals[first][rows, columns]
+        normals_beside = normals[second][rows, columns]
+        cosines = np.einsum("ij,ij->i", normals_here, normals_beside)
+        is_fold = cosines < _FOLD
         is_line[first][rows[is_fold], columns[is_fold]] = True
     return is_line
 
