@@ -4,7 +4,6 @@ a picture seen straight from above, one pixel a millimetre."""
 import math
 import warnings
 from collections.abc import Iterator, Sequence
-from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -18,6 +17,7 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.floating[Any]]
 Pixels = NDArray[np.uint8]
+Ints = NDArray[np.integer[Any]]
 Point = tuple[float, float]
 """Column and row in a photograph, as a viewer shows them, from its upper left corner."""
 _MOST_PX = 120_000_000
@@ -53,44 +53,61 @@ class _Plane(NamedTuple):
         down: Floats,
     ) -> tuple[Floats, Floats]:
         """Columns and rows in the photograph [h, w] of these shares [w] and [h]."""
-        x, y, scale = (
-            row[0] * across[None, :] + row[1] * down[:, None] + row[2] for row in self.rows
-        )
+        values = []
+        for along, below, constant in self.rows:
+            rows = below * down + constant
+            values.append(rows[:, None] + along * across)
+        x, y, scale = values
         return x / scale, y / scale
 
 
-def plane_through(corners: Sequence[Point]) -> _Plane:
-    """The homography that takes the corners of a mat to these ones, from the upper left clockwise.
+def plane_through(corners: Floats) -> _Plane:
+    """The homography that takes the corners of a mat to these ones [4, 2], from the upper left
+    clockwise.
 
     It is the solution for a square in closed form (Heckbert, Fundamentals of Texture Mapping and
     Image Warping, 1989, section 2.2.3).
     """
-    first, second, third, fourth = np.array(corners, dtype=float)
+    first, second, third, fourth = corners
     right = second - third
     below = fourth - third
     askew = first - second + third - fourth
-    area = right[0] * below[1] - right[1] * below[0]
     # Both are 0 for a parallelogram, which is seen without perspective.
-    fade_across = (askew[0] * below[1] - askew[1] * below[0]) / area
-    fade_down = (right[0] * askew[1] - right[1] * askew[0]) / area
+    area = _cross(right, below)
+    fade_across = _cross(askew, below) / area
+    fade_down = _cross(right, askew) / area
     along = second - first + fade_across * second
     down = fourth - first + fade_down * fourth
-    columns = [np.append(along, fade_across), np.append(down, fade_down), np.append(first, 1.0)]
+    columns = [
+        np.append(along, fade_across),
+        np.append(down, fade_down),
+        np.append(first, 1.0),
+    ]
     return _Plane(np.column_stack(columns))
+
+
+def _cross(first: Floats, second: Floats) -> float:
+    """Cross product of two vectors [2]: above 0 if the second is clockwise from the first, as rows
+    count downwards."""
+    return float(first[0] * second[1] - first[1] * second[0])
 
 
 def ordered(corners: Sequence[Point]) -> list[Point]:
     """Four corners clockwise, as a photograph shows them, beginning with the first one; the others
     may come in any order. Raises TwinError if they are no corners of a mat."""
-    middle_x = sum(x for x, _ in corners) / len(corners)
-    middle_y = sum(y for _, y in corners) / len(corners)
-    # Rows count downwards, so growing angles go round clockwise.
-    around = sorted(corners, key=lambda point: math.atan2(point[1] - middle_y, point[0] - middle_x))
+    middle_x, middle_y = np.mean(corners, axis=0).tolist()
+
+    def angle(corner: Point) -> float:
+        # Rows count downwards, so growing angles go round clockwise.
+        x, y = corner
+        return math.atan2(y - middle_y, x - middle_x)
+
+    around = sorted(corners, key=angle)
     start = around.index(corners[0])
     clockwise = [*around[start:], *around[:start]]
-    for number, corner in enumerate(clockwise):
-        before = clockwise[number - 1]
-        after = clockwise[(number + 1) % len(clockwise)]
+    befores = [clockwise[-1], *clockwise[:-1]]
+    afters = [*clockwise[1:], clockwise[0]]
+    for before, corner, after in zip(befores, clockwise, afters, strict=True):
         if _sine(before, corner, after) < _LEAST_SINE:
             x, y = corner
             raise TwinError(
@@ -106,10 +123,13 @@ def _sine(
     after: Point,
 ) -> float:
     """Sine of the angle of the mat at a corner: below 0 where it is dented, 0 on a line."""
-    in_x, in_y = corner[0] - before[0], corner[1] - before[1]
-    out_x, out_y = after[0] - corner[0], after[1] - corner[1]
-    lengths = math.hypot(in_x, in_y) * math.hypot(out_x, out_y)
-    return (in_x * out_y - in_y * out_x) / lengths if lengths else 0.0
+    way_in = np.subtract(corner, before)
+    way_out = np.subtract(after, corner)
+    lengths = math.dist(before, corner) * math.dist(corner, after)
+    # Two corners in one place have no angle between them.
+    if not lengths:
+        return 0.0
+    return _cross(way_in, way_out) / lengths
 
 
 def looks_turned(corners: Sequence[Point], size_mm: tuple[float, float]) -> bool:
@@ -150,29 +170,41 @@ def straightened(
             "in mm"
         )
     photo = _read(path)
-    for x, y in [*corners, *([] if white is None else [white])]:
-        if not (0 <= x <= photo.width and 0 <= y <= photo.height):
-            raise TwinError(
-                f"{x:g},{y:g} is outside of {path}, which has {photo.width} x {photo.height} "
-                "pixels; give column and row as a viewer of pictures shows them"
-            )
-    around = ordered(corners)
-    gains = np.ones(3) if white is None else _gains(photo, white, path)
+    for corner in corners:
+        _check_inside(photo, corner, path)
+    around = np.array(ordered(corners))
+    gains: Floats = np.ones(3)
+    if white is not None:
+        _check_inside(photo, white, path)
+        gains = _gains(photo, white, path)
     # What is around the mat may be most of a photograph, and is not needed.
-    left = math.floor(min(x for x, _ in around))
-    top = math.floor(min(y for _, y in around))
-    right = math.ceil(max(x for x, _ in around))
-    bottom = math.ceil(max(y for _, y in around))
+    left, top = np.floor(around.min(axis=0)).astype(int).tolist()
+    right, bottom = np.ceil(around.max(axis=0)).astype(int).tolist()
+    cut_out = photo.crop((left, top, right, bottom))
     # What is finer than the picture is averaged at once. Its coarsest side counts, which is the
     # one that is farthest from the camera.
     shrink = max(1, math.floor(_coarsest(around, (columns, rows))))
-    pixels = np.asarray(photo.crop((left, top, right, bottom)).reduce(shrink))
-    plane = plane_through([((x - left) / shrink, (y - top) / shrink) for x, y in around])
-    bands = [
-        np.minimum(_band(pixels, plane, (columns, rows), first) * gains + 0.5, 255.0)
-        for first in range(0, rows, _ROWS)
-    ]
-    return Image.fromarray(np.concatenate(bands).astype(np.uint8))
+    pixels = np.asarray(cut_out.reduce(shrink))
+    plane = plane_through((around - (left, top)) / shrink)
+    bands = []
+    for first in range(0, rows, _ROWS):
+        light = gains * _band(pixels, plane, (columns, rows), first)
+        bands.append(np.minimum(light + 0.5, 255.0).astype(np.uint8))
+    return Image.fromarray(np.concatenate(bands))
+
+
+def _check_inside(
+    photo: "Image.Image",
+    point: Point,
+    path: Path,
+) -> None:
+    """Raise TwinError unless a point is in the photograph."""
+    x, y = point
+    if not (0 <= x <= photo.width and 0 <= y <= photo.height):
+        raise TwinError(
+            f"{x:g},{y:g} is outside of {path}, which has {photo.width} x {photo.height} pixels; "
+            "give column and row as a viewer of pictures shows them"
+        )
 
 
 def _read(path: Path) -> "Image.Image":
@@ -228,10 +260,11 @@ def _gains(
     return np.asarray(255.0 / paper)
 
 
-def _coarsest(corners: Sequence[Point], size: tuple[int, int]) -> float:
+def _coarsest(corners: Floats, size: tuple[int, int]) -> float:
     """Least number of pixels of a photograph for one of the picture along a side of the mat."""
-    lengths = [math.dist(*side) for side in pairwise([*corners, corners[0]])]
-    return min(length / side for length, side in zip(lengths, [*size, *size], strict=True))
+    sides = np.roll(corners, -1, axis=0) - corners  # [4, 2]
+    lengths = np.linalg.norm(sides, axis=1)
+    return float((lengths / [*size, *size]).min())
 
 
 def _band(
@@ -254,10 +287,9 @@ def _band(
 
 def _samples() -> Iterator[Point]:
     """Places of the samples within a pixel, in shares of its sides."""
-    places = [(number + 0.5) / _SAMPLES for number in range(_SAMPLES)]
-    for row in places:
-        for column in places:
-            yield row, column
+    for row in range(_SAMPLES):
+        for column in range(_SAMPLES):
+            yield (row + 0.5) / _SAMPLES, (column + 0.5) / _SAMPLES
 
 
 def _bilinear(
@@ -268,15 +300,29 @@ def _bilinear(
     """Colours [h, w, 3] at columns and rows [h, w] of a photograph, between the middles of its
     pixels."""
     height, width = pixels.shape[:2]
+    left, right, to_right = _between(x, width)
+    upper, lower, to_lower = _between(y, height)
+    above = _blend(pixels[upper, left], pixels[upper, right], to_right)
+    below = _blend(pixels[lower, left], pixels[lower, right], to_right)
+    return _blend(above, below, to_lower)
+
+
+def _between(places: Floats, count: int) -> tuple[Ints, Ints, Floats]:
+    """The pixels before and after places along a side of so many, and the shares of the way to the
+    latter."""
     # The middle of the first pixel is at 0.5. Beyond the middles of the last ones, these go on.
-    from_left = np.clip(x - 0.5, 0.0, width - 1.0)
-    from_top = np.clip(y - 0.5, 0.0, height - 1.0)
-    left = np.minimum(from_left.astype(int), max(width - 2, 0))
-    upper = np.minimum(from_top.astype(int), max(height - 2, 0))
-    right = np.minimum(left + 1, width - 1)
-    lower = np.minimum(upper + 1, height - 1)
-    share_x = (from_left - left).astype(np.float32)[..., None]
-    share_y = (from_top - upper).astype(np.float32)[..., None]
-    above = pixels[upper, left] * (1 - share_x) + pixels[upper, right] * share_x
-    below = pixels[lower, left] * (1 - share_x) + pixels[lower, right] * share_x
-    return np.asarray(above * (1 - share_y) + below * share_y)
+    from_first = np.clip(places - 0.5, 0.0, count - 1.0)
+    before = from_first.astype(int)
+    after = np.minimum(before + 1, count - 1)
+    shares = from_first - before
+    return before, after, shares.astype(np.float32)
+
+
+def _blend(
+    first: Floats | Pixels,
+    second: Floats | Pixels,
+    shares: Floats,
+) -> Floats:
+    """Colours [h, w, 3] between two, at shares [h, w] of the way."""
+    way = shares[..., None]
+    return np.asarray(first * (1 - way) + second * way)

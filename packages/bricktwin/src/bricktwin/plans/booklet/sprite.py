@@ -89,8 +89,8 @@ class Sprite:
         shape = self.depth.shape
         points_count = self.depth.size
         normals = np.zeros((points_count, 3), dtype=np.float32)
-        faces = np.full(points_count, -1, dtype=np.int32)
-        coat = np.zeros(points_count, dtype=np.uint16)
+        faces: Ints = np.full(points_count, -1, dtype=np.int32)
+        coat: Ints = np.zeros(points_count, dtype=np.uint16)
         for number, points in self._points_of_sources():
             solid, tint, is_cut = self.sources[number]
             face, outward = self._normals(solid, points)
