@@ -203,8 +203,8 @@ class Picture:
         paper: tuple[float, float, float],
         colours: int = 256,
     ) -> Pixels:
-        """The picture [h, w, 3] on paper of a colour, in at most so many ``colours``; ``bright``:
-        parts in full colour, the others fade; ``None`` fades none."""
+        """The picture [h, w, 4], all opaque, on paper of a colour, in at most so many ``colours``;
+        ``bright``: parts in full colour, the others fade; ``None`` fades none."""
         palette = _Palette(paper)
         coats = np.full(self.owner.shape, _PAPER, dtype=np.uint16)
         dark: list[int] = []
@@ -259,7 +259,7 @@ class _Palette:
         return self._firsts[key]
 
     def pixels(self, coats: Ints, most: int) -> Pixels:
-        """Pixels [h, w, 3] of these coats [h, w], in at most so many colours."""
+        """Opaque pixels [h, w, 4] of these coats [h, w], in at most so many colours."""
         colours = np.concatenate(self._tables)
         exact = np.round(colours * 255).astype(np.uint8)  # [n, 3]
         counts = np.bincount(coats.ravel(), minlength=len(exact))
@@ -271,11 +271,10 @@ class _Palette:
             fewer = row.quantize(most - 1, dither=Image.Dither.NONE)
             exact[used] = np.asarray(fewer.convert("RGB"))[0]
         # Taking one number a point costs a third of the time of three.
-        packed = np.zeros((len(exact), 4), dtype=np.uint8)
+        packed = np.full((len(exact), 4), 255, dtype=np.uint8)
         packed[:, :3] = exact
         pixels = packed.view(np.uint32)[:, 0][coats]
-        colours_of_points = pixels.view(np.uint8).reshape(*coats.shape, 4)
-        return colours_of_points[..., :3]
+        return pixels.view(np.uint8).reshape(*coats.shape, 4)
 
 
 class Studio:

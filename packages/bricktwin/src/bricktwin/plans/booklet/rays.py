@@ -5,7 +5,7 @@ All depths are single precision, which is enough for a picture. A ray that misse
 for its depths there: whatever NaN is compared with, the answer is no.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -100,23 +100,19 @@ def seen(solid: Solid, axes: Reals) -> Seen:
     return Seen(solid.frame @ axes.T, solid.offset)
 
 
-def pixel_box(
-    solid: Solid,
+def pixel_boxes(
+    solids: Sequence[Solid],
     axes: Reals,
     zoom: float,
-) -> Box:
-    """The columns and rows of a solid, at least one of each."""
-    points = solid.corners() @ axes[:2].T * zoom  # [8, 2]
-    first = np.floor(points.min(axis=0))
-    after_last = np.ceil(points.max(axis=0))
-    left, top = first.astype(int).tolist()
-    right, bottom = after_last.astype(int).tolist()
-    return Box(
-        left,
-        top,
-        max(right, left + 1),
-        max(bottom, top + 1),
-    )
+) -> list[Box]:
+    """The columns and rows of solids, at least one of each."""
+    corners = np.stack([solid.corners() for solid in solids])  # [n, 8, 3]
+    points = corners @ (zoom * axes[:2].T)  # [n, 8, 2]
+    first = np.floor(points.min(axis=1)).astype(int)
+    after_last = np.ceil(points.max(axis=1)).astype(int)
+    after_last = np.maximum(after_last, first + 1)
+    sides = np.hstack([first, after_last])  # [n, 4]
+    return [Box(*four) for four in sides.tolist()]
 
 
 class Grid(NamedTuple):
@@ -252,16 +248,18 @@ def grid(
 
 
 def cuts_in(
-    cuts: Iterable[Solid],
+    cuts: Sequence[Solid],
     box: Box,
     axes: Reals,
     zoom: float,
 ) -> list[Cut]:
     """The cuts that rays of a box may meet; one with a bore is two."""
+    if not cuts:
+        return []
     found: list[Cut] = []
-    for cut in cuts:
+    for cut, whole in zip(cuts, pixel_boxes(cuts, axes, zoom), strict=True):
         # Following only the rays that the piece and the cut share saves most of the work.
-        shared = pixel_box(cut, axes, zoom).shared_with(box)
+        shared = whole.shared_with(box)
         if shared is None:
             continue
         window = shared.window(box.left, box.top)

@@ -16,7 +16,7 @@ from bricktwin.plans.booklet.rays import (
     cuts_in,
     first_material,
     grid,
-    pixel_box,
+    pixel_boxes,
     seen,
 )
 from bricktwin.plans.drawing.looks import Tint, look_of
@@ -90,10 +90,11 @@ class Sprite:
         points_count = self.depth.size
         normals = np.zeros((points_count, 3), dtype=np.float32)
         faces: Ints = np.full(points_count, -1, dtype=np.int32)
+        places = self._places()
         coat: Ints = np.zeros(points_count, dtype=np.uint16)
         for number, points in self._points_of_sources():
             solid, tint, is_cut = self.sources[number]
-            face, outward = self._normals(solid, points)
+            face, outward = self._normals(solid, places[:, points])
             # The surface of a cut is seen from its inside, so its normals are reversed.
             if is_cut:
                 outward = -outward
@@ -120,29 +121,31 @@ class Sprite:
             if count:
                 yield number, order[begin:end]
 
-    def _normals(self, solid: Solid, points: Ints) -> tuple[Ints, Reals]:
-        """Faces [n] of a solid at these points, and their normals [n, 3] in the view, out of the
-        solid."""
+    def _normals(self, solid: Solid, places: Reals) -> tuple[Ints, Reals]:
+        """Faces [n] of a solid at these places [3, n] of the view, and their normals [n, 3] there,
+        out of the solid."""
         turned, centre = seen(solid, self.axes)
         axes = turned.astype(np.float32)
         middle = centre.astype(np.float32)
-        local = axes @ self._places(points) - middle[:, None]  # [3, n]
+        local = axes @ places - middle[:, None]  # [3, n]
         if solid.form is Form.BALL:
             # It has a single face.
-            face = np.zeros(len(points), dtype=np.int32)
+            face = np.zeros(places.shape[1], dtype=np.int32)
             from_middle = local / np.float32(solid.half[0])
             return face, from_middle.T @ axes
         if solid.form is Form.BOX:
             return _box_faces(solid, local, axes)
         return _round_faces(solid, local, axes)
 
-    def _places(self, points: Ints) -> Reals:
-        """Where points [n] are: right, down and away [3, n], LDU."""
-        rows, columns = np.divmod(points, self.depth.shape[1])
-        x = (columns + (self.left + 0.5)) / self.zoom
-        y = (rows + (self.top + 0.5)) / self.zoom
-        away = self.depth.ravel()[points]
-        return np.stack([x, y, away]).astype(np.float32)
+    def _places(self) -> Reals:
+        """Where all points are: right, down and away [3, h w], LDU."""
+        height, width = self.depth.shape
+        places = np.empty((3, height, width), dtype=np.float32)
+        places[0] = (np.arange(width) + (self.left + 0.5)) / self.zoom
+        down = (np.arange(height) + (self.top + 0.5)) / self.zoom
+        places[1] = down[:, None]
+        places[2] = self.depth
+        return places.reshape(3, -1)
 
 
 def _shades(normals: Reals, *, is_cut: bool) -> Reals:
@@ -209,7 +212,7 @@ def sprite_of(
     """Draw a part. ``axes``: right, down, away in the part's frame [3, 3]; ``zoom``: rays per
     LDU."""
     look = look_of(part)
-    boxes = [pixel_box(piece.solid, axes, zoom) for piece in look]
+    boxes = pixel_boxes([piece.solid for piece in look], axes, zoom)
     whole = around(boxes)
     size = (whole.bottom - whole.top, whole.right - whole.left)
     # For each ray, `depth` is where it first meets material and `source` the index in `sources` of
