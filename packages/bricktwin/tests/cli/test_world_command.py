@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import pytest
+from browser import chromium, tab
 from PIL import Image
 
 from bricktwin.cli.run_command import Run
@@ -106,6 +108,28 @@ def test_photograph_becomes_a_floor(bricktwin, folder) -> None:
         "world", "straighten", "photo.png:400x800", "--corners", *corners, "--out", "floor.png"
     )
     assert swapped.code == 0 and "as if its width and height were swapped" in swapped.err
+
+
+def test_corners_are_clicked_on_a_page(bricktwin, folder) -> None:
+    """The page is narrower than the photograph."""
+    done = bricktwin("world", "straighten", "mat.png:800x400", "--out", "floor.png")
+    says = "floor.html: open it in a browser, and click the four corners of the mat\n"
+    assert done == (0, says, "")
+    url = (folder / "floor.html").as_uri()
+    with chromium() as browser, tab(browser, url, width=500) as page:
+        image = page.locator("#inner img")
+        size = image.bounding_box()
+        for x, y in ((0.0, 0.0), (0.999, 0.0), (0.999, 0.999), (0.0, 0.999)):
+            image.click(position={"x": x * size["width"], "y": y * size["height"]})
+        command = page.locator("#command").inner_text()
+        assert page.locator("#inner span").count() == 4
+    words = command.split()
+    assert words[:4] == ["bricktwin", "world", "straighten", "mat.png:800x400"]
+    clicked = [tuple(map(int, word.split(","))) for word in words[5:9]]
+    corners = [(0, 0), (800, 0), (800, 400), (0, 400)]
+    # A click is within a pixel of the page, which is two of the photograph.
+    assert all(math.dist(*pair) < 4 for pair in zip(clicked, corners, strict=True))
+    assert bricktwin(*words[1:]).code == 0 and (folder / "floor.png").exists()
 
 
 @pytest.mark.parametrize(

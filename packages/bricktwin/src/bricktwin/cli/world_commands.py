@@ -11,7 +11,7 @@ from tyro.conf import Positional
 
 from brickhub.cli.terminal import print_line, print_note
 from brickhub.errors import DescriptionError, counted
-from brickhub.files import write_durably
+from brickhub.files import quoted, write_durably
 from brickhub.options import option
 from bricktwin.target import load_scene, picture_and_size
 from bricktwin.twin.floor_picture import faults_of_picture
@@ -82,9 +82,11 @@ class StraightenPhoto:
     """Make a floor of a photograph of a mat: straighten it by the four corners of the mat.
 
     The corners are in pixels of the photograph, as a viewer shows them: first the upper left one of
-    the mat, the others in any order. The picture has one pixel a millimetre.
+    the mat, the others in any order. Without them, a page is written on which they are clicked. The
+    picture has one pixel a millimetre.
 
     Examples:
+      bricktwin world straighten photo.jpg:fll
       bricktwin world straighten photo.jpg:fll --corners 412,310 3580,295 3900,2400 120,2450
       bricktwin world straighten photo.jpg:1000x700 --corners 9,8 99,8 99,70 9,70 --out mat.png
     """
@@ -96,7 +98,7 @@ class StraightenPhoto:
             help="A photograph with the size of the mat in mm, photo.jpg:1000x700, or :fll.",
         ),
     ]
-    corners: Annotated[tuple[str, str, str, str], option(metavar="X,Y")]
+    corners: Annotated[tuple[str, str, str, str] | None, option(metavar="X,Y")] = None
     """The four corners of the mat in the photograph."""
     out: Annotated[Path, option(metavar="FILE")] = Path("mat.png")
     """The .png to write."""
@@ -104,11 +106,15 @@ class StraightenPhoto:
     """A point of white paper in the photograph: the light is corrected so that it is white."""
 
     def execute(self) -> None:
+        # Late, as listing worlds needs no NumPy.
         from bricktwin.worlds.straighten import looks_turned, straightened
 
         if self.out.suffix.lower() != ".png":
             raise DescriptionError(f"'{self.out}' is no name of a picture; end it in .png")
         path, size_mm = picture_and_size(self.photo)
+        if self.corners is None:
+            self._ask_for_corners(path)
+            return
         corners = [_point(corner) for corner in self.corners]
         picture = straightened(
             path,
@@ -128,6 +134,18 @@ class StraightenPhoto:
         size = self.photo.rpartition(":")[2]
         print_line(f"{self.out}: {picture.width} x {picture.height} pixels, one a millimetre")
         print_line(f"look at it, then drive on it: --scene {self.out}:{size}")
+
+    def _ask_for_corners(self, path: Path) -> None:
+        """Write the page on which the corners are clicked."""
+        from bricktwin.worlds.straighten import corners_page
+
+        page = self.out.with_suffix(".html")
+        before = f"bricktwin world straighten {quoted(self.photo)}"
+        after = f"--out {quoted(self.out)}"
+        if self.white is not None:
+            after += f" --white {quoted(self.white)}"
+        write_durably(page, corners_page(path, before, after).encode())
+        print_line(f"{page}: open it in a browser, and click the four corners of the mat")
 
 
 @dataclass(frozen=True)

@@ -1,16 +1,20 @@
 """A photograph of a mat, straightened by its four corners: what lay askew before the camera becomes
 a picture seen straight from above, one pixel a millimetre."""
 
+import html
 import math
 import warnings
 from collections.abc import Iterator, Sequence
+from importlib import resources
 from pathlib import Path
+from string import Template
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from brickhub.errors import TwinError
+from bricktwin.report_page import report_page
 
 if TYPE_CHECKING:
     from PIL import Image
@@ -130,6 +134,21 @@ def _sine(
     if not lengths:
         return 0.0
     return _cross(way_in, way_out) / lengths
+
+
+def corners_page(
+    path: Path,
+    before: str,
+    after: str,
+) -> str:
+    """A page on which somebody clicks the corners of the mat in a photograph, and which shows the
+    command that has them: between the words ``before`` and ``after`` them. Raises TwinError if the
+    photograph cannot be read."""
+    _read(path)
+    body = Template(resources.files(__package__).joinpath("corners.html").read_text("utf-8"))
+    texts = {"photo": path.resolve().as_uri(), "before": before, "after": after}
+    escaped = {name: html.escape(text) for name, text in texts.items()}
+    return report_page(path.name, body.substitute(escaped))
 
 
 def looks_turned(corners: Sequence[Point], size_mm: tuple[float, float]) -> bool:
