@@ -5,11 +5,16 @@ can be put on in its order.
 
 Each step is drawn with and without the other parts: of each of its parts, at least a quarter must
 be seen in its picture or its inset. Its parts come from outside, in its order, along straight
-paths, and hold on what is there.
+paths, and hold on what is there. ``booklet_cpu_s`` is the CPU time of ``bricktwin plan steps`` on
+one core, from its start to the PDF.
 """
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
+import tempfile
 import time
 from pathlib import Path
 from typing import Any
@@ -31,7 +36,8 @@ from bricktwin.plans.connections import connections, neighbours, reached
 from bricktwin.plans.plan import Plan, read_plan
 
 PLANS = Path(__file__).parents[1] / "packages/bricktwin/src/bricktwin/robots/plans"
-OURS = ("two_wheeler", "walker", "robo_arm")
+OURS = ("two_wheeler", "walker", "robo_arm", "ev3_driver")
+EXAMPLES = sorted((Path(__file__).parents[1] / "examples").glob("*.ldr"))
 _PATH_LDU = (4.0, 8.0, 12.0, 16.0, 20.0, 30.0, 40.0, 60.0, 90.0, 130.0, 170.0)
 _ZOOM = 1.0
 """Points per LDU at which the visible shares are measured."""
@@ -58,6 +64,19 @@ def without_way(plan: Plan, step: Instruction, occupancy: Occupancy) -> int:
             failed += 0 if move.outward.any() and is_free else len(move.items)
         present[move.parts] = True
     return failed
+
+
+def booklet_cpu_s(path: Path) -> float:
+    """CPU time of a process that draws the booklet of a plan, seconds."""
+    before = os.times()
+    with tempfile.TemporaryDirectory() as folder:
+        out = str(Path(folder) / "booklet.pdf")
+        command = [sys.executable, "-m", "bricktwin", "plan", "steps", str(path), "--out", out]
+        one_core = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+        subprocess.run(command, check=True, capture_output=True, env=one_core)  # noqa: S603
+    after = os.times()
+    user_s = after.children_user - before.children_user
+    return user_s + after.children_system - before.children_system
 
 
 def look(path: Path) -> dict[str, Any]:
@@ -93,6 +112,7 @@ def look(path: Path) -> dict[str, Any]:
         "items_without_a_way": way,
         "parts_that_hold_on_nothing": loose,
         "cpu_s": round(planned_s, 1),
+        "booklet_cpu_s": round(booklet_cpu_s(path), 1),
     }
 
 
@@ -102,7 +122,7 @@ def main(session: Session) -> None:
         "plans", nargs="*", help="names of our plans, or files; ours by default"
     )
     counts = {}
-    for name in session.parse().plans or OURS:
+    for name in session.parse().plans or (*OURS, *EXAMPLES):
         path = PLANS / f"{name}.ldr" if name in OURS else Path(name)
         counts[path.stem] = look(path)
         print(path.stem, counts[path.stem], flush=True)

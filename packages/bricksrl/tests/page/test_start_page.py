@@ -247,6 +247,11 @@ def test_each_environment_has_a_picture(tmp_path: Path) -> None:
         assert kind == "image/jpeg" and 3_000 < len(data) < 60_000
     plans = set(page.board.status[1]["plans"])
     assert plans == {"two-wheeler", "ev3-driver", "walker", "robo-arm"}
+    # The repository has the booklets of all of them, which open without being drawn.
+    assert set(page.board.status[1]["booklets"]) == plans
+    kind, data = page.file("booklets/walker.pdf")
+    assert kind == "application/pdf" and data.startswith(b"%PDF-")
+    assert page.file("booklets/../walker.pdf") is None and page.file("walker.pdf") is None
     assert page.file("../start.py") is None and page.file("") == page.file("start.html")
     page.close()
 

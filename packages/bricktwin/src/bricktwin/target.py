@@ -1,6 +1,8 @@
 """Targets with a body: our robots, robots in the user's files, and building plans."""
 
+import os
 import re
+from collections.abc import Container
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -9,7 +11,13 @@ from typing import Any
 from brickhub.errors import DescriptionError, TwinError, UnknownNameError, hint
 from brickhub.robot import Robot
 from brickhub.target import Target, find_in_files, whole_interface
-from brickhub.user_files import is_reference, load_object, objects_in, without_name
+from brickhub.user_files import (
+    is_reference,
+    load_object,
+    objects_in,
+    with_absolute_file,
+    without_name,
+)
 from brickhub.virtual.body import Body
 from bricktwin import robots
 from bricktwin.robots.planned import completed, is_plan, robot_of_plan
@@ -98,6 +106,21 @@ def scene_name(reference: str) -> str:
     if is_picture(reference) or not file:
         return Path(file or reference).stem
     return named
+
+
+def absolute_scene(reference: str) -> str:
+    """A scene that a user names, with the absolute path of its file, for use in any folder."""
+    if not is_picture(reference):
+        return with_absolute_file(reference)
+    file, _, size = reference.rpartition(":")
+    return f"{os.path.abspath(file)}:{size}" if file else reference  # noqa: PTH100
+
+
+class ScenesWithoutCode(Container[object]):
+    """Names of scenes that execute no code of a user's: our worlds, and pictures."""
+
+    def __contains__(self, name: object) -> bool:
+        return isinstance(name, str) and (name in WORLDS or is_picture(name))
 
 
 def is_picture(reference: str) -> bool:

@@ -185,3 +185,13 @@ def test_the_catalogue(bricktwin):
 def test_errors_print_one_line(bricktwin, arguments, says):
     done = bricktwin("plan", *arguments)
     assert (done.code, done.err) == (2, f"{says}\n")
+
+
+def test_progress_of_a_booklet_is_told(bricktwin, tmp_path, monkeypatch):
+    monkeypatch.setattr("bricktwin.plans.booklet.pages.DPI", 60)
+    plan = tmp_path / "beam.ldr"
+    plan.write_text("0 Beam\n1 4 0 0 0 1 0 0 0 1 0 0 0 1 32316.dat\n")
+    done = bricktwin("plan", "steps", str(plan), "--out", str(tmp_path / "beam.pdf"))
+    assert done.out == f"3 pages: {tmp_path / 'beam.pdf'}\n"
+    first, second, *_ = done.err.splitlines()
+    assert first == "finding steps in which it can be built" and second == "page 1 of 3"

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import pytest
+from browser import chromium, tab
 from PIL import Image
 
 from bricktwin.cli.run_command import Run
@@ -82,3 +84,64 @@ def test_world_is_drawn(bricktwin, folder) -> None:
     assert done.code == 0 and "1 picture in pictures" in done.out
     with Image.open(folder / "pictures" / "wall.png") as image:
         assert image.size == (480, 300)
+
+
+def test_photograph_becomes_a_floor(bricktwin, folder) -> None:
+    """The mat lies on a black floor, and is seen from its right side: its upper left corner is the
+    lower left one of the photograph."""
+    seen = Image.new("RGB", (600, 900), "black")
+    with Image.open("mat.png") as mat:
+        seen.paste(mat.transpose(Image.Transpose.ROTATE_90), (100, 50))
+    seen.save("photo.png")
+    corners = ("100,850", "100,50", "500,850", "500,50")
+    done = bricktwin(
+        "world", "straighten", "photo.png:800x400", "--corners", *corners, "--out", "floor.png"
+    )
+    says = (
+        "floor.png: 800 x 400 pixels, one a millimetre\n"
+        "look at it, then drive on it: --scene floor.png:800x400\n"
+    )
+    assert done == (0, says, "")
+    assert bricktwin("world", "check", "floor.png:800x400").code == 0
+    assert bricktwin("run", "main.py", "--scene", "floor.png:800x400") == (0, "Color.RED\n", "")
+    swapped = bricktwin(
+        "world", "straighten", "photo.png:400x800", "--corners", *corners, "--out", "floor.png"
+    )
+    assert swapped.code == 0 and "as if its width and height were swapped" in swapped.err
+
+
+def test_corners_are_clicked_on_a_page(bricktwin, folder) -> None:
+    """The page is narrower than the photograph."""
+    done = bricktwin("world", "straighten", "mat.png:800x400", "--out", "floor.png")
+    says = "floor.html: open it in a browser, and click the four corners of the mat\n"
+    assert done == (0, says, "")
+    url = (folder / "floor.html").as_uri()
+    with chromium() as browser, tab(browser, url, width=500) as page:
+        image = page.locator("#inner img")
+        size = image.bounding_box()
+        for x, y in ((0.0, 0.0), (0.999, 0.0), (0.999, 0.999), (0.0, 0.999)):
+            image.click(position={"x": x * size["width"], "y": y * size["height"]})
+        command = page.locator("#command").inner_text()
+        assert page.locator("#inner span").count() == 4
+    words = command.split()
+    assert words[:4] == ["bricktwin", "world", "straighten", "mat.png:800x400"]
+    clicked = [tuple(map(int, word.split(","))) for word in words[5:9]]
+    corners = [(0, 0), (800, 0), (800, 400), (0, 400)]
+    # A click is within a pixel of the page, which is two of the photograph.
+    assert all(math.dist(*pair) < 4 for pair in zip(clicked, corners, strict=True))
+    assert bricktwin(*words[1:]).code == 0 and (folder / "floor.png").exists()
+
+
+@pytest.mark.parametrize(
+    ("corner", "out", "says"),
+    [
+        ("100;850", "floor.png", "'100;850' is no point of a photograph; give column,row: 412,310"),
+        ("nan,850", "floor.png", "'nan,850' is no point of a photograph"),
+        ("500,50", "floor.png", "the corner 500,50 is none"),
+        ("9999,50", "floor.png", "9999,50 is outside of mat.png, which has 800 x 400 pixels"),
+        ("100,50", "floor.jpg", "'floor.jpg' is no name of a picture; end it in .png"),
+    ],
+)
+def test_what_is_no_photograph_is_said(fails, folder, corner: str, out: str, says: str) -> None:
+    corners = (corner, "500,50", "500,300", "100,300")
+    fails("world", "straighten", "mat.png:80x40", "--corners", *corners, "--out", out, says=says)

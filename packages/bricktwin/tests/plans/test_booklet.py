@@ -11,6 +11,7 @@ from plan_lines import BEAM, PLANS, pin, plan_of, solid_volume
 
 from brickhub.errors import PlanError
 from bricktwin.plans import catalogue
+from bricktwin.plans.booklet.committed import committed_booklet
 from bricktwin.plans.booklet.instructions import (
     MAX_KINDS,
     MAX_PIECES,
@@ -18,7 +19,7 @@ from bricktwin.plans.booklet.instructions import (
     instructions,
     kind_of,
 )
-from bricktwin.plans.booklet.pages import pages_of, write_booklet
+from bricktwin.plans.booklet.pages import Pages, write_booklet
 from bricktwin.plans.booklet.picture import VIEWS, Shown, Studio, View, sprite_of
 from bricktwin.plans.building import Occupancy
 from bricktwin.plans.drawing.looks import look_of
@@ -76,7 +77,7 @@ def test_every_part_has_a_picture():
     for part, view in zip(catalogue.parts(), itertools.cycle(VIEWS), strict=False):
         sprite = sprite_of(part, view.axes, 0.4)
         assert sprite.count > 0, part.number
-        assert np.isfinite(sprite.shade).all()
+        assert sprite.coat[sprite.source >= 0].all()
 
 
 def test_default_view_is_upright_from_front_left():
@@ -99,7 +100,7 @@ def test_one_sees_through_a_hole_and_not_through_its_pin():
     open_beam, with_pin = (
         picture_of(plan_of(BEAM, *lines), View(0, 89.99), 4.0) for lines in ([], [pin(0, 0, 0)])
     )
-    x, y = (round(2 * value) for value in open_beam.pixel_of(np.zeros(3)))
+    x, y = (round(value) for value in open_beam.pixel_of(np.zeros(3)))
     assert open_beam.owner[y, x] == -1
     assert with_pin.owner[y, x + 20] == 1  # the wall of the pin; its bore is open
 
@@ -179,7 +180,7 @@ def test_repeated_steps_share_a_page(coarse):
         "1 16 0 0 0 1 0 0 0 1 0 0 0 1 wheel.ldr",
         turned,
     ]
-    pages = list(pages_of(plan_of(*lines, *WHEEL.split("\n"))))
+    pages = list(Pages(plan_of(*lines, *WHEEL.split("\n"))))
     assert [(page.head, page.note) for page in pages[1:3]] == [("Parts", ""), ("1", "A beam.")]
     assert [
         (page.head, page.instruction.times, page.instruction.assembly != ()) for page in pages[3:]
@@ -195,7 +196,7 @@ def test_sub_assemblies_of_two_colours_have_pages_of_their_own(coarse):
     other = "1 4 100 0 0 -1 0 0 0 1 0 0 0 -1 wheel.ldr"
     wheel = WHEEL.replace("1 71", "1 16").split("\n")
     pages = list(
-        pages_of(
+        Pages(
             plan_of(
                 "0 FILE car.ldr",
                 BEAM,
@@ -212,13 +213,13 @@ def test_sub_assemblies_of_two_colours_have_pages_of_their_own(coarse):
 
 @pytest.mark.slow
 def test_cables_are_labelled_at_both_ends():
-    page = list(pages_of(read_plan(PLANS / "two_wheeler.ldr")))[-1]
+    page = list(Pages(read_plan(PLANS / "two_wheeler.ldr")))[-1]
     assert [cable.port for cable in page.cables] == ["A", "C", "E"]
     high, wide = page.picture.owner.shape
     for cable in page.cables:
         for x, y in map(page.picture.pixel_of, cable.ends):
-            assert 0 < x < wide / 2
-            assert 0 < y < high / 2
+            assert 0 < x < wide
+            assert 0 < y < high
 
 
 def test_mirrored_unknown_and_single_parts_have_a_booklet(coarse, tmp_path):
@@ -262,6 +263,34 @@ def test_robot_can_be_built_from_its_booklet(name):
     plan = read_plan(PLANS / f"{name}.ldr")
     steps = list(instructions(plan, Studio()))
     assert [built_from(plan, step) for step in steps] == [[]] * len(steps)
+
+
+def test_each_page_is_told_of_when_it_is_drawn(coarse, tmp_path):
+    told = []
+    count = write_booklet(
+        plan_of(BEAM, "0 STEP", pin(0, -10, 20)),
+        tmp_path / "robot.pdf",
+        lambda *page: told.append(page),
+    )
+    assert told == [(0, 0), *((number, count) for number in range(1, count + 1))]
+
+
+def test_committed_booklet_is_that_of_the_plan_as_it_is(coarse, tmp_path):
+    plan = tmp_path / "plans" / "my_robot.ldr"
+    plan.parent.mkdir()
+    (tmp_path / "docs" / "plans").mkdir(parents=True)
+    plan.write_text(BEAM + "\n")
+    assert committed_booklet(plan) is None
+    booklet = tmp_path / "docs" / "plans" / "my_robot.pdf"
+    write_booklet(read_plan(plan), booklet)
+    assert committed_booklet(plan) == booklet
+    plan.write_text(BEAM + "\n" + pin(0, -10, 20) + "\n")
+    assert committed_booklet(plan) is None
+
+
+@pytest.mark.parametrize("name", ["two_wheeler", "walker", "robo_arm", "ev3_driver"])
+def test_committed_booklets_are_those_of_our_plans(name):
+    assert committed_booklet(PLANS / f"{name}.ldr") is not None, "run `make booklets`"
 
 
 @pytest.mark.slow

@@ -30,6 +30,7 @@ from bricksrl.envs import get_task
 from bricksrl.envs.arenas import ARENAS
 from bricksrl.envs.make import has_arrays, make
 from bricksrl.envs.options import EnvOptions
+from bricksrl.envs.registry import task_with
 from bricksrl.envs.task import Task
 from bricksrl.errors import DescriptionError, RunError, StoppedError, UnknownNameError, counted
 from bricksrl.page.server import LOOPBACK, PageOptions
@@ -414,6 +415,8 @@ def _environment(
         config = config_of(run)
         env_id = config.env
         options = options.changed(**config.transforms, **config.options | options.options)
+        if options.scene is None and options.hub == "virtual":
+            options = options.changed(scene=config.scene)
     with closing(
         make(
             env_id,
@@ -510,7 +513,7 @@ def _in_terminal(
 def run_on_page(
     address: PageOptions | None,
     env_id: str,
-    options: Mapping[str, object],
+    options: EnvOptions,
     *,
     on_stop: Callable[[], None] = lambda: None,
     can_drive: bool = True,
@@ -522,7 +525,7 @@ def run_on_page(
         return
     from bricksrl.page.live import LivePage
 
-    task = get_task(env_id, **options)
+    task = task_with(env_id, options)
     with LivePage(
         env_id,
         task=task,

@@ -32,8 +32,9 @@ from bricksrl.data.dataset import EpisodeRow
 from bricksrl.data.integrity import check
 from bricksrl.data.recorder import Recorder
 from bricksrl.data.schema import describe
-from bricksrl.envs import get_task, make
+from bricksrl.envs import make
 from bricksrl.envs.options import EnvOptions
+from bricksrl.envs.registry import task_with
 from bricksrl.errors import (
     BricksError,
     DataError,
@@ -100,7 +101,7 @@ class Record:
 
     def execute(self) -> None:
         self._check_policy()
-        task = get_task(self.env, **self.robot.options)
+        task = task_with(self.env, self.robot)
         address = shown(self.live_page, self.page)
         load_learning()
         from bricksrl.evaluation.film import filmed_env
@@ -151,7 +152,7 @@ class Record:
                 run_on_page(
                     address,
                     self.env,
-                    options.options,
+                    options,
                     can_drive=human is None,
                 ) as page,
             ):

@@ -36,7 +36,7 @@ from bricksrl.cli.terminal import (
 )
 from bricksrl.data.dataset import existing_dataset
 from bricksrl.envs.options import EnvOptions, TransformOptions
-from bricksrl.envs.registry import get_task, training_agent, training_episodes
+from bricksrl.envs.registry import get_task, task_with, training_agent, training_episodes
 from bricksrl.errors import DescriptionError, RunError, StoppedError, counted
 from bricksrl.evaluation.settings_text import SETTINGS_REMEDY, read_settings, with_changes
 from bricksrl.page.server import PageOptions
@@ -188,7 +188,7 @@ class Train:
             return
         # All keys of a keyboard are for driving, so that none is left to stop the robot.
         keys = False if self.take_over == "keyboard" else None
-        task = get_task(self.env, **config.options)
+        task = task_with(self.env, config)
         with driving(
             self.take_over,
             self.env,
@@ -212,7 +212,7 @@ class Train:
                 f"{env} is a run; `bricksrl resume {run}` goes on with it, and `bricksrl train ENV "
                 f"--from {run}` lets its agent go on in a new one"
             )
-        get_task(env, **self.robot.options)
+        task_with(env, self.robot)
         if self.agent is not None:
             check_agent(self.agent)
         for hub in self.robot.hub.split(","):
@@ -403,7 +403,7 @@ def run_training(
     served_page = run_on_page(
         address,
         config.env,
-        config.options,
+        config,
         on_stop=stop.set,
         can_drive=can_drive,
     )

@@ -19,7 +19,7 @@ from brickhub.seed import check_seed
 from bricksrl.envs.connection import Connection, Placement
 from bricksrl.envs.host_sensors.host_sensor import World, reader_of
 from bricksrl.envs.options import TRANSFORMS, EnvOptions
-from bricksrl.envs.registry import Registration, build_task, is_simulation, registration
+from bricksrl.envs.registry import Registration, is_simulation, registration, task_with
 from bricksrl.envs.task import Kinematics, Task
 from bricksrl.envs.vision.camera import TwinCamera, VideoCamera
 from bricksrl.errors import DescriptionError, RunError, counted
@@ -135,7 +135,7 @@ def make(
     # Wrong options are refused before anything is loaded that takes seconds.
     address = parse_hub(options.hub)
     spec = registration(env_id)
-    task = build_task(env_id, spec, options.options)
+    task = task_with(env_id, options)
     # TorchRL imports MuJoCo, whatever the environment.
     check_mujoco()
     if spec.kinematics is not None:
@@ -170,7 +170,7 @@ def has_arrays(env_id: str, options: EnvOptions | None = None) -> bool:
     UnknownNameError and DescriptionError as `make`."""
     options = options or EnvOptions()
     spec = registration(env_id)
-    task = build_task(env_id, spec, options.options)
+    task = task_with(env_id, options)
     return spec.kinematics is None and not options.is_transformed and task.base_env is None
 
 
@@ -182,7 +182,7 @@ def _make_robot(
 ) -> RobotEnv:
     from bricksrl.envs.robot_env import RobotEnv
 
-    task = build_task(env_id, registration(env_id), options.options)
+    task = task_with(env_id, options)
     if not has_arrays(env_id, options):
         raise DescriptionError(f"{env_id} has no robot that works with arrays alone; omit arrays")
     described, connect = _connected(task, options, place)
@@ -295,7 +295,7 @@ def _make_processes(
     env = Processes(copies, make_one, mp_start_method="spawn")
     env.start()
     # Attributes do not cross process boundaries, so the task is built here as well.
-    env.task = build_task(env_id, registration(env_id), plain.options)
+    env.task = task_with(env_id, plain)
     return env
 
 
@@ -317,11 +317,11 @@ def _connected(
     address = parse_hub(options.hub)
     if address.is_virtual:
         return task, _virtual(task, options)
-    unreal = ("realtime", "randomize", "physics", "link", "fault")
+    unreal = ("realtime", "randomize", "physics", "link", "scene", "fault")
     options.refuse(
         unreal,
-        "a real robot has its own time, physics, link and faults; omit realtime, physics, link "
-        "and fault",
+        "a real robot has its own time, physics, link, surroundings and faults; omit realtime, "
+        "physics, link, scene and fault",
     )
     return _real(task, options, address, place)
 

@@ -18,6 +18,7 @@ from brickhub.options import Existing, Faults, Flag, existing_file, option, pars
 from brickhub.user_files import NotCode, check_there, with_absolute_file
 from brickhub.virtual.faults import parse_fault
 from bricksrl.errors import DescriptionError, TwinError
+from bricktwin.target import ScenesWithoutCode, absolute_scene, load_scene
 from bricktwin.twin.physics import PHYSICS_REMEDY, Physics, read_physics
 
 _PHYSICS = existing_file("the physics in", TwinError, PHYSICS_REMEDY)
@@ -78,6 +79,12 @@ class EnvOptions(TransformOptions):
     link: Annotated[str | None, option(metavar="LINK"), NotCode()] = None
     """Link of the virtual robot: Bluetooth as mac, linux or bad-room, or usb, usb-quick or
     usb-slow, in place of that of the physics, which is linux by default."""
+    scene: Annotated[
+        str | None, option(metavar="SCENE"), Existing(load_scene), NotCode(ScenesWithoutCode())
+    ] = None
+    """Surroundings of the virtual robot in place of the task's: a world of `bricktwin world list`,
+    a picture or a photograph of a mat as the floor, mat.png:fll or mat.png:1000x700, or
+    my_scene.py:MAT."""
     fault: Faults = ()
     options: Annotated[
         dict[str, Any],
@@ -111,6 +118,8 @@ class EnvOptions(TransformOptions):
         if self.link is not None:
             # An unknown name is refused now, and not when the robot is made.
             profile(self.link)
+        if self.scene is not None:
+            object.__setattr__(self, "scene", absolute_scene(self.scene))
         if self.transform is not None:
             # An absolute path keeps its meaning in any folder.
             object.__setattr__(self, "transform", with_absolute_file(self.transform))

@@ -9,7 +9,7 @@ import re
 import sys
 import typing
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -39,6 +39,8 @@ from bricksrl.errors import (
 )
 from bricktwin.robots import CART, EV3_DRIVER
 from bricktwin.robots.planned import completed, is_plan
+from bricktwin.target import load_scene
+from bricktwin.twin.make_body import lies_on_bench
 
 
 @dataclass(frozen=True)
@@ -174,6 +176,21 @@ def get_task(env_id: str, **options: Any) -> Task:
     """The task of an environment. Raises UnknownNameError if there is no environment of that name,
     UnknownOptionError if it has no such option."""
     return build_task(env_id, registration(env_id), options)
+
+
+def task_with(env_id: str, options: EnvOptions) -> Task:
+    """The task of an environment with options, in their scene if they have one. Raises
+    DescriptionError for a robot that is in no scene, otherwise as `get_task` and
+    `bricktwin.target.load_scene`."""
+    task = get_task(env_id, **options.options)
+    if options.scene is None:
+        return task
+    scene = load_scene(options.scene)
+    if lies_on_bench(task.robot, scene):
+        raise DescriptionError(
+            f"the robot of {env_id} lies on the bench, which is in no scene; omit scene"
+        )
+    return replace(task, scene=scene)
 
 
 def options_of(env_id: str, options: Mapping[str, Any]) -> dict[str, Any]:

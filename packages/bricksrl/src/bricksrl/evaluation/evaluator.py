@@ -193,7 +193,7 @@ def evaluate(
                 env_id,
                 ", ".join(left_out),
             )
-        names = ("options", "physics", "randomize", "link", "fault")
+        names = ("options", "physics", "randomize", "link", "scene", "fault")
         changed = [name for name in names if getattr(options, name) != getattr(nominal, name)]
         as_trained = env_id == origin.env and not changed
         hub = options.hub
@@ -262,7 +262,8 @@ def evaluation_options(
     **named: Any,
 ) -> EnvOptions:
     """Options of the environment of an evaluation: those of the training that it has, without
-    physics, link and faults of another environment or hub, neither randomized nor in real time."""
+    physics, link, scene and faults of another environment or hub, neither randomized nor in real
+    time."""
     same_env = env == origin.env
     before = origin.options
     nominal = replace(
@@ -278,6 +279,7 @@ def evaluation_options(
             nominal,
             physics=None,
             link=None,
+            scene=None,
             fault=(),
         )
     elif named.get("randomize", False):

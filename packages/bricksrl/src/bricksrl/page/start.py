@@ -37,7 +37,9 @@ from bricksrl.page.server import PageOptions, PageServer, chosen
 from bricksrl.page.visitors import Seats, Visitor
 from bricksrl.policies.by_name import TRAINED
 from bricksrl.training.run_folder import RunFolder
+from bricktwin.plans.booklet.committed import committed_booklet
 from bricktwin.robots import ROBOTS
+from bricktwin.robots.planned import plan_file
 
 _MAX_JOBS = 12
 _MAX_LINES = 60
@@ -327,6 +329,13 @@ class StartPage(PageServer):
             if robot.model:
                 plans[robot.model] = name
         self._plans = list(plans.values())
+        # What is drawn already is opened at once, and not drawn anew.
+        self._booklets: dict[str, Path] = {}
+        for model, name in plans.items():
+            plan = plan_file(model)
+            booklet = None if plan is None else committed_booklet(plan)
+            if booklet is not None:
+                self._booklets[name] = booklet
         # Those that can be played at once, as a policy comes with them, stand first.
         cards: list[dict[str, Any]] = []
         for env_id in sorted(self._envs, key=lambda name: name not in TRAINED):
@@ -338,6 +347,7 @@ class StartPage(PageServer):
             folder=_short(folder),
             cards=cards,
             plans=self._plans,
+            booklets=list(self._booklets),
         )
         self._publish()
 
@@ -367,6 +377,9 @@ class StartPage(PageServer):
             if not path.exists():
                 return None
             return _RUN_FILES[file_name], path.read_bytes()
+        booklet = self._booklets.get(name.removeprefix("booklets/").removesuffix(".pdf"))
+        if booklet is not None and name.startswith("booklets/"):
+            return _OUTPUTS["pdf"], booklet.read_bytes()
         if name in results:
             return _OUTPUTS[name.rpartition(".")[2]], results[name].read_bytes()
         return super().file(name or "start.html")

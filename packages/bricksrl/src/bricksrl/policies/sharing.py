@@ -28,6 +28,7 @@ from bricksrl.training.existing_run import POLICY
 from bricksrl.training.learners import load_learner, make_learner_for, one_robot
 from bricksrl.training.run_folder import RunFolder
 from bricksrl.training.trust import is_trusted, remember, require_trusted
+from bricktwin.worlds import WORLDS
 
 TENSORS = "policy.safetensors"
 ABOUT = POLICY
@@ -83,6 +84,7 @@ def export_policy(
         start=None,
         demonstrations=None,
         compile=False,
+        scene=config.scene if config.scene in WORLDS else None,
     )
     shared = portable(acting.to_dict())
     about = {"bricksrl_policy": _VERSION, "episodes": trained.episodes, "config": shared}

@@ -302,6 +302,8 @@ def portable(data: dict[str, Any]) -> dict[str, Any]:
     for name in ("env", "agent", "transform"):
         if data.get(name) is not None:
             plain[name] = without_folder(data[name])
+    if data.get("scene") is not None:
+        plain["scene"] = Path(data["scene"]).name
     return plain
 
 

@@ -34,6 +34,7 @@ Examples:
                 "list": "bricktwin.cli.world_commands:ListWorlds",
                 "check": "bricktwin.cli.world_commands:CheckWorld",
                 "draw": "bricktwin.cli.world_commands:DrawWorlds",
+                "straighten": "bricktwin.cli.world_commands:StraightenPhoto",
             },
         ),
         "twin": (

@@ -1,12 +1,13 @@
 """``bricktwin plan``: check a building plan, list its parts, draw its booklet."""
 
+import time
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
 
 from tyro.conf import Positional
 
-from brickhub.cli.terminal import print_line
+from brickhub.cli.terminal import print_line, print_note
 from brickhub.errors import PlanError, counted
 from brickhub.files import write_durably
 from brickhub.options import option, refuse_ignored
@@ -179,6 +180,30 @@ class PlanParts:
             print_line(f"{part.number:10}{part.family:12}{part.mass_g:8.2f} g  {part.name}")
 
 
+_SILENCE_S = 1.0
+"""Longest time without a word while a booklet is drawn, in which a page or two are."""
+
+
+@dataclass
+class _PageNotes:
+    """Notes of how far a booklet is, one a second."""
+
+    said_s: float = 0.0
+
+    def __call__(
+        self,
+        number: int,
+        count: int,
+    ) -> None:
+        """Say that a page is drawn, unless something was said just now."""
+        if not count:
+            print_note("finding steps in which it can be built")
+        now_s = time.monotonic()
+        if number and now_s - self.said_s >= _SILENCE_S:
+            self.said_s = now_s
+            print_note(f"page {number} of {count}")
+
+
 @dataclass(frozen=True)
 class PlanSteps:
     """Draw the booklet of a building plan: cover, parts list, a page for each step, cables.
@@ -197,5 +222,5 @@ class PlanSteps:
 
         plan = read_named_plan(self.plan)
         _print_faults(plan)
-        pages = write_booklet(plan, self.out)
+        pages = write_booklet(plan, self.out, _PageNotes())
         print_line(f"{counted(pages, 'page')}: {self.out}")

@@ -5,6 +5,7 @@ import enum
 import itertools
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -120,26 +121,6 @@ class Solid:
         distance = np.linalg.norm(local, axis=1)
         return np.asarray(distance < half[0])
 
-    def normals(self, points: Floats) -> Floats:
-        """Outward normals [n, 3] at points [n, 3] on the surface: of the face that is nearest."""
-        axes = np.array(self.axes)
-        offset = points - np.array(self.centre)
-        local = offset @ axes.T
-        if self.form is Form.BALL:
-            distances = np.linalg.norm(local, axis=1, keepdims=True)
-            return np.asarray(local @ axes / np.maximum(distances, 1e-9))
-        if self.form is Form.BOX:
-            local_normals = _box_normals(local, np.array(self.half))
-            return np.asarray(local_normals @ axes)
-        bore = self.half[1] if self.form is Form.RING else None
-        normals = _round_normals(
-            local,
-            self.half[0],
-            bore,
-            self.half[2],
-        )
-        return np.asarray(normals @ axes)
-
     def samples(
         self,
         spacing: float,
@@ -168,49 +149,28 @@ class Solid:
             )
         return np.asarray(local @ np.array(self.axes) + np.array(self.centre))
 
+    @cached_property
+    def frame(self) -> Floats:
+        """The rows of ``axes`` as a matrix [3, 3]."""
+        return np.array(self.axes)
+
+    @cached_property
+    def offset(self) -> Floats:
+        """The centre along its own axes [3]."""
+        return np.asarray(self.frame @ np.array(self.centre))
+
     def corners(self) -> Floats:
         """Corners [8, 3] of the bounding box along ``axes``."""
+        return self._corners.copy()
+
+    @cached_property
+    def _corners(self) -> Floats:
         half = np.array(self.half)
         if self.form is Form.RING:
             # The second size of a ring is its bore, so the first one is used for both directions.
             half = np.array((self.half[0], self.half[0], self.half[2]))
         local = _BOX_SIGNS * half  # [8, 3]
-        return np.asarray(local @ np.array(self.axes) + np.array(self.centre))
-
-
-def _box_normals(local: Floats, half: Floats) -> Floats:
-    """Outward normals [n, 3] at points [n, 3] of a box, both along its axes."""
-    normals = np.zeros_like(local)
-    numbers = np.arange(len(local))
-    gaps = half - np.abs(local)
-    nearest_face = np.argmin(gaps, axis=1)
-    normals[numbers, nearest_face] = np.sign(local[numbers, nearest_face])
-    return normals
-
-
-def _round_normals(
-    local: Floats,
-    outer: float,
-    bore: float | None,
-    half_length: float,
-) -> Floats:
-    """Outward normals [n, 3] at points [n, 3] of a cylinder, or of a ring with a bore of this
-    radius, along their third axis."""
-    radius = np.maximum(np.hypot(local[:, 0], local[:, 1]), 1e-9)
-    from_middle = np.abs(local[:, 2])
-    gaps = [np.abs(half_length - from_middle), np.abs(outer - radius)]
-    if bore is not None:
-        gaps.append(np.abs(radius - bore))
-    nearest_face = np.argmin(gaps, axis=0)
-    is_end = nearest_face == 0
-    # In a bore the normal points towards the axis, because that is out of the material.
-    direction = np.where(nearest_face == 2, -1.0, 1.0)
-    from_axis = local[:, :2] / radius[:, None]  # [n, 2]
-    sides = from_axis * direction[:, None]
-    normals = np.zeros_like(local)
-    normals[:, :2] = np.where(is_end[:, None], 0.0, sides)
-    normals[:, 2] = np.where(is_end, np.sign(local[:, 2]), 0.0)
-    return normals
+        return np.asarray(local @ self.frame + np.array(self.centre))
 
 
 def _round_samples(

@@ -24,10 +24,17 @@ function show() {
   showRuns();
   showDrawings();
   fill($("build").querySelector("ul"), status.plans ?? [], "li", (item, plan) => {
-    item.append(element("b", { textContent: plan }), starter("Step by step in 3D", "build", plan), starter("Booklet (PDF)", "booklet", plan));
+    item.append(element("b", { textContent: plan }), starter("Step by step in 3D", "build", plan), booklet(plan));
   });
   fill($("check-env"), (status.cards ?? []).filter(({ is_arena }) => !is_arena).map(({ env }) => env), "option", (option, name) => (option.textContent = name));
   showJobs();
+}
+
+// The booklet of a plan: one that is drawn already opens at once.
+function booklet(plan) {
+  const text = "Booklet (PDF)";
+  if (!(status.booklets ?? []).includes(plan)) return starter(text, "booklet", plan);
+  return element("a", { className: "button", textContent: text, href: `booklets/${plan}.pdf`, target: "_blank" });
 }
 
 // A button that starts a job, and opens its page once there is one.

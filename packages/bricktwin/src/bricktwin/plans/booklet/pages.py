@@ -7,8 +7,9 @@ from __future__ import annotations
 import base64
 import html
 import io
+import math
 import textwrap
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -19,13 +20,12 @@ from PIL import Image
 from brickhub.errors import PlanError
 from brickhub.files import check_writable, write_durably
 from bricktwin.drawing import import_matplotlib
+from bricktwin.plans.booklet.committed import digest_of
 from bricktwin.plans.booklet.instructions import Instruction, Scene, instructions, placed_items
 from bricktwin.plans.booklet.parts_list import parts_list
 from bricktwin.plans.booklet.picture import (
-    OVERSAMPLING,
     VIEWS,
     Picture,
-    Pixels,
     Shown,
     Studio,
     View,
@@ -40,20 +40,24 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 FORMATS = (".pdf", ".html")
-DPI = 300
+DPI = 360
+"""Points per inch of a picture, one ray each. A viewer shows the mean of several, and a printer
+prints points as small."""
 # A page is half of an A4 sheet, in landscape; sizes are in inches.
 _WIDTH = 8.27
 _HEIGHT = 5.83
 _MM_PER_INCH = 25.4
-_LIFE_SIZE = MM_PER_LDU / _MM_PER_INCH * DPI * OVERSAMPLING
-"""Rays per LDU of a picture as large as the parts."""
+_LIFE_SIZE = MM_PER_LDU / _MM_PER_INCH * DPI
+"""Points per LDU of a picture as large as the parts."""
 _SCALES = tuple(_LIFE_SIZE * 1.15 * 0.84**step for step in range(30))
 """Scales of pictures. They are few, so that the parts of many steps are drawn only once."""
-_COLOURS = 64
-"""Colours of a picture in a PDF; a page in HTML has twice as many."""
+_COLOURS = 128
+"""Colours of a picture, and of a page in HTML."""
 _HTML_DPI = 150
 _LIST_COLUMNS = 6
 _LIST_ROWS = 3
+_LIST_PAGE = _LIST_COLUMNS * _LIST_ROWS
+"""Kinds of parts on a page of the list."""
 _NOTE_WIDTH = 112
 """Characters per line of a note."""
 _ARROW = "#d9480f"
@@ -108,7 +112,16 @@ class Page:
     cables: tuple[Cable, ...] = ()
 
 
-def write_booklet(plan: Plan, path: Path) -> int:
+OnPage = Callable[[int, int], None]
+"""What is told of each page that is done: its number, and how many there are; both are 0 at the
+beginning, while the steps are sought."""
+
+
+def write_booklet(
+    plan: Plan,
+    path: Path,
+    on_page: OnPage = lambda *_: None,
+) -> int:
     """Write the booklet. Returns the number of pages. Raises PlanError if the suffix is not
     ``.pdf`` or ``.html``, or the plan has no parts."""
     if path.suffix.lower() not in FORMATS:
@@ -119,63 +132,87 @@ def write_booklet(plan: Plan, path: Path) -> int:
         )
     check_writable(path)
     write = _pdf if path.suffix.lower() == ".pdf" else _html
-    data, count = write(plan, pages_of(plan))
+    on_page(0, 0)
+    pages = Pages(plan)
+    data = write(plan, _told(pages, on_page))
     write_durably(path, data)
-    return count
+    return pages.count
 
 
-def pages_of(plan: Plan) -> Iterator[Page]:
-    """All pages in order."""
-    studio = Studio()
-    entries = parts_list(plan)
-    # All steps are made before the first page, which says how many there are.
-    steps = list(instructions(plan, studio))
-    everything = _at_rest(plan.parts)
-    text = (
-        f"{len(plan.parts)} parts of {len(entries)} kinds and colours · {len(steps)} steps · "
-        f"{plan.mass_g:.0f} g"
-    )
-    yield Page(
-        plan.title,
-        text,
-        _fitted(
-            studio,
-            everything,
+def _told(pages: Pages, on_page: OnPage) -> Iterator[Page]:
+    """The pages, of each of which is told when the next one is asked for: when it is drawn."""
+    for number, page in enumerate(pages, 1):
+        yield page
+        on_page(number, pages.count)
+
+
+class Pages:
+    """The pages of a booklet in order, each made when it is asked for.
+
+    Attributes:
+        count: number of pages.
+    """
+
+    def __init__(self, plan: Plan) -> None:
+        self._plan = plan
+        self._studio = Studio()
+        self._entries = parts_list(plan)
+        # All steps are made before the first page, which says how many there are.
+        self._steps = list(instructions(plan, self._studio))
+        self._cables = _cables(plan)
+        list_pages = math.ceil(len(self._entries) / _LIST_PAGE)
+        self.count = 1 + list_pages + len(self._steps) + bool(self._cables)
+
+    def __iter__(self) -> Iterator[Page]:
+        yield self._cover()
+        yield from self._list_of_parts()
+        for number, step in enumerate(self._steps, 1):
+            yield _step_page(self._plan, self._studio, step, number)
+        if self._cables:
+            yield self._cabling()
+
+    def _cover(self) -> Page:
+        text = (
+            f"{len(self._plan.parts)} parts of {len(self._entries)} kinds and colours · "
+            f"{len(self._steps)} steps · {self._plan.mass_g:.0f} g"
+        )
+        picture = _fitted(
+            self._studio,
+            _at_rest(self._plan.parts),
             VIEWS[0],
             (7.4, 4.3),
-        ),
-    )
-    samples = {(placed.part, placed.colour): placed for placed in plan.parts}
-    items = []
-    for entry in entries:
-        sample = samples[entry.part, entry.colour.code]
-        picture = _part_picture(studio, [sample], (1.05, 0.8))
-        name = textwrap.fill(entry.part.name, 22)
-        label = f"{name}\n{entry.part.number}\n{entry.colour.name}"
-        items.append(Item(picture, entry.count, label))
-    page_size = _LIST_COLUMNS * _LIST_ROWS
-    for start in range(0, len(items), page_size):
-        yield Page("Parts", "", items=tuple(items[start : start + page_size]))
-    for number, step in enumerate(steps, 1):
-        yield _step_page(plan, studio, step, number)
-    cables = _cables(plan)
-    if cables:
+        )
+        return Page(self._plan.title, text, picture)
+
+    def _list_of_parts(self) -> Iterator[Page]:
+        samples = {(placed.part, placed.colour): placed for placed in self._plan.parts}
+        items = []
+        for entry in self._entries:
+            sample = samples[entry.part, entry.colour.code]
+            picture = _part_picture(self._studio, [sample], (1.05, 0.8))
+            name = textwrap.fill(entry.part.name, 22)
+            label = f"{name}\n{entry.part.number}\n{entry.colour.name}"
+            items.append(Item(picture, entry.count, label))
+        for start in range(0, len(items), _LIST_PAGE):
+            yield Page("Parts", "", items=tuple(items[start : start + _LIST_PAGE]))
+
+    def _cabling(self) -> Page:
         note = "Plug in the cables last, and keep them away from moving parts."
         # Each cable has a line of text below the picture, which takes this much of its height.
-        height = 4.55 - 0.22 * len(cables)
+        height = 4.55 - 0.22 * len(self._cables)
         picture = _fitted(
-            studio,
-            everything,
+            self._studio,
+            _at_rest(self._plan.parts),
             VIEWS[3],
             (7.6, height),
         )
-        lines = tuple(cable.text for cable in cables)
-        yield Page(
+        lines = tuple(cable.text for cable in self._cables)
+        return Page(
             "Cables",
             note,
             picture,
             lines=lines,
-            cables=cables,
+            cables=self._cables,
         )
 
 
@@ -192,7 +229,7 @@ def _fitted(
 ) -> Picture:
     """A picture that fits into a width and height, at most so many times as large as the parts."""
     width, height = extent(shown, view)
-    room = min(inches[0] / width, inches[1] / height) * DPI * OVERSAMPLING
+    room = min(inches[0] / width, inches[1] / height) * DPI
     # The limit is a little larger than the scale that it must include, which rounding might put
     # just above it.
     limit = min(room, largest * _LIFE_SIZE * 1.001)
@@ -308,26 +345,31 @@ def _cables(plan: Plan) -> tuple[Cable, ...]:
     return tuple(cables)
 
 
-def _pdf(plan: Plan, pages: Iterable[Page]) -> tuple[bytes, int]:
-    """The booklet and its number of pages. Pages are drawn one after the other, because their
-    pictures are large."""
+def _pdf(plan: Plan, pages: Iterable[Page]) -> bytes:
+    """The booklet. Pages are drawn one after the other, because their pictures are large."""
     import_matplotlib()
     from matplotlib import rc_context
     from matplotlib.backends.backend_pdf import PdfPages
 
     # Names of parts and robots may contain a dollar sign, which Matplotlib would take for a
     # formula.
-    as_text: Any = {"text.parse_math": False}
+    # Pictures keep their points.
+    style: Any = {"text.parse_math": False, "image.interpolation": "none"}
     buffer = io.BytesIO()
     # The file has no date, so that the same plan makes the same bytes.
-    metadata = {"Title": plan.title, "Creator": "BricksRL", "CreationDate": None}
-    with rc_context(as_text), PdfPages(buffer, metadata=metadata) as pdf:
+    metadata = {
+        "Title": plan.title,
+        "Creator": "BricksRL",
+        "Keywords": digest_of(Path(plan.path)),
+        "CreationDate": None,
+    }
+    with rc_context(style), PdfPages(buffer, metadata=metadata) as pdf:
         for number, page in enumerate(pages, 1):
             pdf.savefig(_figure(page, number))
-    return buffer.getvalue(), number
+    return buffer.getvalue()
 
 
-def _html(plan: Plan, pages: Iterable[Page]) -> tuple[bytes, int]:
+def _html(plan: Plan, pages: Iterable[Page]) -> bytes:
     """The same pages as pictures, with their text for those who cannot see them."""
     import_matplotlib()
     from matplotlib import rc_context
@@ -336,11 +378,11 @@ def _html(plan: Plan, pages: Iterable[Page]) -> tuple[bytes, int]:
     for number, page in enumerate(pages, 1):
         buffer = io.BytesIO()
         png = io.BytesIO()
-        with rc_context({"text.parse_math": False}):
+        with rc_context({"text.parse_math": False, "image.interpolation": "antialiased"}):
             _figure(page, number).savefig(buffer, format="png", dpi=_HTML_DPI)
         # Few colours are enough for a drawing, and make the file a third as large.
         image = Image.open(buffer).convert("RGB")
-        image = image.quantize(2 * _COLOURS, dither=Image.Dither.NONE)
+        image = image.quantize(_COLOURS, dither=Image.Dither.NONE)
         image.save(png, format="png", optimize=True)
         item_texts = [f"{item.count} x {item.text}" for item in page.items]
         texts = [page.head, *item_texts, *page.lines, page.note]
@@ -357,7 +399,7 @@ def _html(plan: Plan, pages: Iterable[Page]) -> tuple[bytes, int]:
     )
     # The pictures are inside of the page, so that it is one file which can be sent on and opened
     # anywhere.
-    return f"{head}<body>{''.join(body)}</body></html>\n".encode(), len(body)
+    return f"{head}<body>{''.join(body)}</body></html>\n".encode()
 
 
 def _figure(page: Page, number: int) -> Figure:
@@ -612,21 +654,9 @@ def _put(
     bottom = top - height
     axes = figure.add_axes((left / _WIDTH, bottom / _HEIGHT, width / _WIDTH, height / _HEIGHT))
     axes.set_zorder(len(figure.get_children()))
-    axes.imshow(_indexed(picture.pixels(bright, paper), paper), interpolation="none", aspect="auto")
+    axes.imshow(picture.pixels(bright, paper, _COLOURS), aspect="auto")
     axes.set_axis_off()
     return left, top
-
-
-def _indexed(pixels: Pixels, paper: tuple[float, float, float]) -> Pixels:
-    """A picture with few colours, which takes a third of the bytes. The paper keeps its own
-    colour."""
-    image = Image.fromarray(pixels).quantize(_COLOURS, dither=Image.Dither.NONE)
-    few = np.asarray(image.convert("RGB")).copy()
-    # The palette may shift the colour of the paper, and the edge of the picture would then be seen
-    # on the page.
-    blank = np.round(np.array(paper) * 255).astype(np.uint8)
-    few[(pixels == blank).all(axis=-1)] = blank
-    return few
 
 
 def _inches(
