@@ -19,8 +19,9 @@ from bricktwin.plans.booklet.instructions import (
     instructions,
     kind_of,
 )
-from bricktwin.plans.booklet.pages import Pages, write_booklet
+from bricktwin.plans.booklet.pages import Pages
 from bricktwin.plans.booklet.picture import VIEWS, Shown, Studio, View, sprite_of
+from bricktwin.plans.booklet.sheets import write_booklet
 from bricktwin.plans.building import Occupancy
 from bricktwin.plans.drawing.looks import look_of
 from bricktwin.plans.drawing.meshes import surface_of

@@ -218,7 +218,7 @@ class PlanSteps:
     """The .pdf or .html to write."""
 
     def execute(self) -> None:
-        from bricktwin.plans.booklet.pages import write_booklet
+        from bricktwin.plans.booklet.sheets import write_booklet
 
         plan = read_named_plan(self.plan)
         _print_faults(plan)
