@@ -110,6 +110,7 @@ def test_photograph_becomes_a_floor(bricktwin, folder) -> None:
     assert swapped.code == 0 and "as if its width and height were swapped" in swapped.err
 
 
+@pytest.mark.slow
 def test_corners_are_clicked_on_a_page(bricktwin, folder) -> None:
     """The page is narrower than the photograph."""
     done = bricktwin("world", "straighten", "mat.png:800x400", "--out", "floor.png")
