@@ -5,8 +5,8 @@ from pathlib import Path
 from typing import Any
 
 from brickhub.files import as_file_name
-from brickhub.robot import Robot, UltrasonicSensor
-from bricktwin.robots import ROBO_ARM, SCOUT, TWO_WHEELER, WALKER
+from brickhub.robot import Robot
+from bricktwin.robots import EV3_DRIVER, ROBO_ARM, SCOUT, TWO_WHEELER, WALKER
 from bricktwin.site.robot_files import robot_file
 from bricktwin.site.storing import write_packed_json
 from bricktwin.site.tab.lessons import described as described_lesson
@@ -16,19 +16,23 @@ from bricktwin.twin.mujoco_body import MujocoBody
 from bricktwin.twin.scene import OPEN_FLOOR, Scene
 from bricktwin.view.body_drawing import drawing_of
 from bricktwin.view.drawing_of_body import poses
-from bricktwin.worlds import world
+from bricktwin.worlds import WORLDS, world
 
-OWN = (TWO_WHEELER, WALKER, SCOUT, ROBO_ARM)
+OWN = (TWO_WHEELER, WALKER, SCOUT, ROBO_ARM, EV3_DRIVER)
 _TITLES = {
     "two-wheeler": "2Wheeler",
     "walker": "Walker",
     "scout": "Scout",
     "robo-arm": "RoboArm",
+    "ev3-driver": "EV3 driver",
     "cart": "Cart",
 }
 _OPEN = "open floor"
 _BEHIND = {"distance_m": 1.1, "yaw_deg": -150.0, "pitch_deg": 34.0}
 """View of a robot in a world: from behind it, so that what is before it is seen."""
+_FEWER_WORLDS = {"ev3-driver": ("wall", "line-simple", "maze")}
+"""Worlds of robots that are offered fewer than all drivers are: all of them, for one robot more,
+would be more than what the site may transfer, 12 MB."""
 # A robot that does not drive is offered what it can be put into as it is.
 _WITHOUT_WHEELS = ("wall",)
 
@@ -53,7 +57,10 @@ def write_robots(
     for robot in robots:
         worlds: dict[str, Scene] = {_OPEN: OPEN_FLOOR}
         if robot.drive_base is not None:
-            worlds.update(worlds_of_drivers)
+            for name, scene in worlds_of_drivers.items():
+                # A world of the user's own is offered to every robot.
+                if name not in WORLDS or name in _FEWER_WORLDS.get(robot.name, (name,)):
+                    worlds[name] = scene
         elif robot.needs_imu:
             worlds.update({name: world(name) for name in _WITHOUT_WHEELS})
         worlds.update(further.get(robot.name, {}))
@@ -75,7 +82,7 @@ def write_robots(
 
 def _can_be_in(robot: Robot, scene: Scene) -> bool:
     """Whether a robot can be put into a scene: before a wall it is put by what its sensor sees."""
-    sees = any(isinstance(sensor, UltrasonicSensor) for sensor in robot.sensors)
+    sees = any(sensor.kind.model.range_mm is not None for sensor in robot.sensors)
     return sees or scene.wall_distance_mm is None
 
 
