@@ -333,7 +333,7 @@ def _contacts_m(shape: Shape) -> Floats:
     if shape.form is Form.BALL:
         return np.array([shape.centre_m + below_m])
     if shape.is_level:
-        return np.array(shape.ends_m) + below_m
+        return np.asarray(np.array(shape.ends_m) + below_m)
     signs = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
     corners_m = signs * shape.half_m  # [8, 3]
     return np.asarray(shape.centre_m + corners_m @ shape.axes)
