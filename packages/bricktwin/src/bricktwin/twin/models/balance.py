@@ -169,14 +169,15 @@ def standing_shapes(planned: PlannedRobot) -> tuple[Shape, ...]:
 
 
 def plan_balance(plan: Plan) -> Balance | None:
-    """Balance of the robot of a plan; ``None`` where `balance_of` has none, and for a plan that is
-    no complete robot."""
+    """Balance of the robot of a plan; ``None`` where `balance_of` has none, for a plan that is no
+    complete robot, and for one with unknown parts: one of them may be its caster."""
+    if plan.unknown or not plan.devices(DeviceKind.HUB):
+        return None
     try:
         robot = planned(plan)
     except PlanError:
         return None
-    has_hub = bool(plan.devices(DeviceKind.HUB))
-    return balance_of(robot) if has_hub else None
+    return balance_of(robot)
 
 
 def _wheels(planned: PlannedRobot) -> Iterator[Shape]:
