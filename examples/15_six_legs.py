@@ -11,7 +11,6 @@ from torch import Tensor
 from brickhub.entry import Entry
 from bricksrl.envs import Task
 from bricksrl.hub.interface import Interface, MotorAngle, Pitch, Roll, RunAngle, Wait
-from bricksrl.robots import Direction, Motor
 from bricksrl.training import TrainConfig, train
 from bricktwin.robots.planned import robot_of_plan
 
@@ -20,7 +19,6 @@ LEGS = [f"{side}_{place}" for place in PLACES for side in ("left", "right")]
 SIX_LEGS = robot_of_plan(
     Path(__file__).with_suffix(".ldr"),
     "six-legs",
-    motors=[Motor(f"left_{place}", direction=Direction.COUNTERCLOCKWISE) for place in PLACES],
     mirrored=tuple((f"left_{place}", f"right_{place}") for place in PLACES),
 )
 
@@ -34,7 +32,7 @@ WALK = Task(
     doc="Six legs walk forward: the reward is the distance in units of 20 mm.",
     robot=SIX_LEGS,
     interface=Interface(
-        commands=tuple(RunAngle(leg, -100, 0, speed_deg_s=600) for leg in LEGS),
+        commands=tuple(RunAngle(leg, 0, 100, speed_deg_s=600) for leg in LEGS),
         channels=(*(MotorAngle(leg) for leg in LEGS), Pitch(), Roll()),
         settle=Wait(250),
     ),

@@ -192,7 +192,7 @@ def test_what_has_no_legs_gets_linear_feedback_unless_legs_are_asked_for() -> No
     learner = searcher("RoboArmSim-v0")
     assert learner.actor.structure.numbers[0].name == "weight_0_0"
     assert learner.exploit(make("RoboArmSim-v0", seed=0).reset())["action"].shape == (4,)
-    with pytest.raises(DescriptionError, match="oscillators need a motor that turns endlessly"):
+    with pytest.raises(DescriptionError, match="oscillators need motors that turn endlessly"):
         searcher("RoboArmSim-v0", structure="oscillators")
 
 

@@ -49,10 +49,12 @@ ROOM = Scene(
 )
 # How two versions of MuJoCo stack a block on the floor differs in the fifth digit.
 FIXED = replace(ROOM, objects=tuple(item for item in ROOM.objects if not isinstance(item, Block)))
+# On which side of its play a leg rests that stands on heel and toe, the last digit decides.
 QUIET = Physics(
     distance_noise_mm=0.0,
     distance_noise_ratio=0.0,
     tilt_noise_deg=0.0,
+    backlash_deg=0.0,
     gyro_noise_deg_s=0.0,
     acceleration_noise_mm_s2=0.0,
     color_noise_pct=0.0,

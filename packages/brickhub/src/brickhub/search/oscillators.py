@@ -24,7 +24,7 @@ _LEG_COLUMNS = (
     "# Of a leg: index of the angle, index of the action, sign of both, change of the action for a",
     "# degree, half a turn or none (deg), place of its phase among the numbers or 0.",
 )
-NO_LEGS = "oscillators need a motor that turns endlessly and whose angle is observed; choose linear"
+NO_LEGS = "oscillators need motors that turn endlessly and whose angles are observed; choose linear"
 
 
 @dataclass(frozen=True)
@@ -126,14 +126,16 @@ def oscillators(
         steps: steps of the interface in which an action is repeated.
 
     Raises:
-        DescriptionError: no motor turns endlessly and has its angle observed.
+        DescriptionError: fewer than two motors, and not the only one, turn endlessly and have their
+            angles observed.
     """
     if angles is None:
         channels = enumerate(interface.channels)
         angles = {channel.name: index for index, channel in channels if channel.wraps}
     turns_deg = _turns_deg(interface, angles, steps)
-    # One motor may turn all legs, which then need only a speed.
-    if not turns_deg:
+    # One motor may turn all legs, which then need only a speed; beside others, it is a turntable.
+    turns_all = len(turns_deg) == len(interface.commands) > 0
+    if len(turns_deg) < 2 and not turns_all:
         raise DescriptionError(NO_LEGS)
     places = {command.name: index for index, command in enumerate(interface.commands)}
     groups = _groups(robot, list(turns_deg))

@@ -75,6 +75,14 @@ def test_balance_is_of_robots_that_can_move_around() -> None:
     assert plan_balance(without(OURS[0], "95646", "54696", "67718")) is None
 
 
+def test_an_unknown_part_may_be_the_caster() -> None:
+    path = next(path for path in OURS if path.stem == "two_wheeler")
+    text = path.read_text().replace("39370c01", "99999c01").replace("!BRICKSRL ROBOT", "//")
+    plan = make_plan(ldraw_file.parse(text, "try.ldr"))
+    assert plan.unknown
+    assert plan_balance(plan) is None
+
+
 def test_what_is_said_names_side_and_remedy() -> None:
     assert STANDS.fault is None
     assert replace(STANDS, tilt_deg=30.0).fault == (

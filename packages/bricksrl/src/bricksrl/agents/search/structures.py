@@ -116,7 +116,7 @@ def _constant(values: Sequence[float]) -> nn.Buffer:
 
 def make_oscillators(env: EnvBase) -> Oscillators:
     """Oscillators for the legs of an environment's robot. Raises DescriptionError if it has no
-    motor that turns endlessly and whose angle is observed."""
+    motors that turn endlessly and whose angles are observed, or one beside others."""
     task = interface_of(env).task
     layout = layout_of(env)
     # the hub's program reads the task's own numbers and commands, and no transform of them

@@ -9,13 +9,14 @@ import itertools
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from brickhub.errors import PlanError
 from brickhub.finding import Finding, Outcome
 from bricktwin.plans.geometry import M_PER_LDU, Floats, Form, frame_of, triple
-from bricktwin.plans.mechanism.kinematics import TO_TWIN
+from bricktwin.plans.mechanism.kinematics import TO_TWIN, point_m_of
 from bricktwin.plans.part import DeviceKind
 from bricktwin.plans.plan import Plan
 from bricktwin.plans.planned_robot import PlannedRobot, planned
@@ -29,8 +30,10 @@ _STEPS_DEG = (3.0, 1.0)
 """Steps in which it tips, first coarse, then fine."""
 _DIRECTIONS = 24
 """Directions that are tried in each."""
+_SIDES = 120
+"""Directions in which the centre of mass may leave what the robot stands on."""
 _DOWNHILL_M = 1e-5
-"""Least fall of the centre of mass in such a step: friction and rounding hold less."""
+"""Least fall of the centre of mass for each degree: friction and rounding hold less."""
 _MOST_TILT_DEG = 100.0
 _LEVEL = np.array([0.0, 0.0, -1.0])
 """What is downwards of a robot that is level."""
@@ -103,40 +106,54 @@ def balance_of(planned: PlannedRobot) -> Balance | None:
     feet = feet_of(planned)
     if articulation.is_fixed or not (feet or articulation.wheels):
         return None
-    turns = turns_of(planned)
-    poses, *_ = turns[0][0].shape
-    shapes = [*feet, *_outer(list(shapes_of(planned, 0))), *_wheels(planned)]
-    worst: tuple[float, float, str, float] | None = None
-    first: tuple[float, float, str, float] | None = None
-    for pose in range(poses):
-        moved = [_moved(shape, turns, pose) for shape in shapes]
-        centre_m = _centre_m(planned, turns, pose)
-        down = _rest(moved, centre_m)
-        tilt_deg = _tilt_deg(down)
-        # Of a robot that leans a little, what it leans on touches the floor too.
-        stands_on = down if tilt_deg <= TIPS_DEG else _LEVEL
-        inside_m, side = _inside_m(moved, centre_m, stands_on)
-        height_m = float(_heights_m(moved, centre_m, stands_on[None])[0])
-        found = (tilt_deg, inside_m, side, height_m)
-        first = first or found
-        if worst is None or tilt_deg > worst[0]:
-            worst = found
-        # What does not stand as it was drawn need not be turned.
-        if first[0] > TIPS_DEG:
-            break
-    if first is None or worst is None:
-        return None
+    chassis = _outer(list(shapes_of(planned, 0)))
+    shapes = [*feet, *chassis, *_wheels(planned)]
+    drawn = _stance(planned, shapes, pose=0)
+    worst = drawn
+    # What does not stand as it was drawn need not be turned.
+    if drawn.tilt_deg <= TIPS_DEG:
+        poses, *_ = turns_of(planned)[0][0].shape
+        stances = [_stance(planned, shapes, pose) for pose in range(poses)]
+        worst = max(stances, key=lambda stance: stance.tilt_deg)
+    shown = worst if worst.tilt_deg > FALLS_DEG else drawn
     mass_kg = sum(body.mass_kg for body in articulation.bodies)
-    shown = worst if first[0] <= TIPS_DEG and worst[0] > FALLS_DEG else first
     return Balance(
         mass_g=mass_kg * 1000,
-        height_mm=shown[3] * 1000,
-        inside_mm=shown[1] * 1000,
-        side=shown[2],
-        tilt_deg=first[0],
-        largest_tilt_deg=worst[0],
+        height_mm=shown.height_m * 1000,
+        inside_mm=shown.inside_m * 1000,
+        side=shown.side,
+        tilt_deg=drawn.tilt_deg,
+        largest_tilt_deg=worst.tilt_deg,
         on_wheels=bool(articulation.wheels),
     )
+
+
+class _Stance(NamedTuple):
+    """Stance of a robot in a pose of its legs: how far it tips, where its centre of mass is inside
+    of what it stands on and to which side that is nearest, and how high it is."""
+
+    tilt_deg: float
+    inside_m: float
+    side: str
+    height_m: float
+
+
+def _stance(
+    planned: PlannedRobot,
+    shapes: Sequence[Shape],
+    pose: int,
+) -> _Stance:
+    """The stance on some shapes in a pose of the turn."""
+    turns = turns_of(planned)
+    moved = [_moved(shape, turns, pose) for shape in shapes]
+    centre_m = _centre_m(planned, turns, pose)
+    down = _rest(moved, centre_m)
+    tilt_deg = _tilt_deg(down)
+    # Of a robot that leans a little, what it leans on touches the floor too.
+    stands_on = down if tilt_deg <= TIPS_DEG else _LEVEL
+    inside_m, side = _inside_m(moved, centre_m, stands_on)
+    (height_m,) = _heights_m(moved, centre_m, stands_on[None])
+    return _Stance(tilt_deg, inside_m, side, float(height_m))
 
 
 def standing_shapes(planned: PlannedRobot) -> tuple[Shape, ...]:
@@ -145,19 +162,22 @@ def standing_shapes(planned: PlannedRobot) -> tuple[Shape, ...]:
     feet = feet_of(planned)
     if not feet or planned.articulation.wheels:
         return feet
-    down = _rest(feet, _centre_m(planned, turns_of(planned), 0))
-    return feet if _tilt_deg(down) <= TIPS_DEG else (*feet, *skids_of(planned, feet))
+    stance = _stance(planned, feet, pose=0)
+    if stance.tilt_deg <= TIPS_DEG:
+        return feet
+    return (*feet, *skids_of(planned, feet))
 
 
 def plan_balance(plan: Plan) -> Balance | None:
-    """Balance of the robot of a plan; ``None`` where `balance_of` has none, and for a plan that is
-    no complete robot."""
+    """Balance of the robot of a plan; ``None`` where `balance_of` has none, for a plan that is no
+    complete robot, and for one with unknown parts: one of them may be its caster."""
+    if plan.unknown or not plan.devices(DeviceKind.HUB):
+        return None
     try:
         robot = planned(plan)
     except PlanError:
         return None
-    has_hub = bool(plan.devices(DeviceKind.HUB))
-    return balance_of(robot) if has_hub else None
+    return balance_of(robot)
 
 
 def _wheels(planned: PlannedRobot) -> Iterator[Shape]:
@@ -167,12 +187,20 @@ def _wheels(planned: PlannedRobot) -> Iterator[Shape]:
         balls = [solid for solid in placed.part.solids if solid.form is Form.BALL]
         radius_m = wheel.diameter_mm / 2000
         if balls:
-            centre_m = TO_TWIN @ placed.point(balls[0].centre) * M_PER_LDU
-            half_m = np.full(3, balls[0].half[0] * M_PER_LDU)
-            yield Shape(wheel.link, wheel.part, Form.BALL, centre_m, np.eye(3), half_m)
+            ball = balls[0]
+            yield Shape(
+                wheel.link,
+                wheel.part,
+                Form.BALL,
+                point_m_of(placed.point(ball.centre)),
+                np.eye(3),
+                np.array(ball.half) * M_PER_LDU,
+            )
             continue
         low, high = placed.part.bounds
-        half_width_m = float(high[2] - low[2]) / 2 * M_PER_LDU
+        width_ldu = float(high[2] - low[2])
+        half_width_m = width_ldu / 2 * M_PER_LDU
+        # Wheels of the parts library turn about their z axis.
         axis = triple(TO_TWIN @ placed.rotation[:, 2])
         yield Shape(
             wheel.link,
@@ -190,11 +218,13 @@ def _outer(shapes: Sequence[Shape]) -> list[Shape]:
     hundreds."""
     tilts = np.radians(np.arange(0.0, _MOST_TILT_DEG, 8.0))
     angles = np.radians(np.arange(0.0, 360.0, 15.0))
-    tilt, angle = (grid.ravel() for grid in np.meshgrid(tilts, angles))
-    around = np.sin(tilt)
-    directions = np.column_stack([around * np.cos(angle), around * np.sin(angle), -np.cos(tilt)])
-    reaches_m = np.array([shape.reach_m(directions) for shape in shapes])
-    return [shapes[number] for number in np.unique(reaches_m.argmax(axis=0))]
+    tilt, angle = np.meshgrid(tilts, angles)
+    ahead = np.sin(tilt) * np.cos(angle)
+    aside = np.sin(tilt) * np.sin(angle)
+    directions = np.stack([ahead, aside, -np.cos(tilt)], axis=-1).reshape(-1, 3)
+    reaches_m = np.array([shape.reach_m(directions) for shape in shapes])  # [shapes, n]
+    farthest = np.unique(reaches_m.argmax(axis=0))
+    return [shapes[number] for number in farthest]
 
 
 def _moved(
@@ -231,19 +261,20 @@ def _centre_m(
 
 def _tilt_deg(down: Floats) -> float:
     """Angle between a direction [3] and that downwards of the plan."""
-    return math.degrees(math.acos(min(1.0, float(down @ _LEVEL))))
+    cosine = float(down @ _LEVEL)
+    # Rounding may make it larger than 1.
+    return math.degrees(math.acos(min(1.0, cosine)))
 
 
 def _rest(shapes: Sequence[Shape], centre_m: Floats) -> Floats:
     """What direction [3] of a robot is downwards once it is at rest, if it is put down level."""
     down = _LEVEL
-    angles = np.arange(_DIRECTIONS) * 2 * math.pi / _DIRECTIONS
-    around = np.column_stack([np.cos(angles), np.sin(angles)])  # [n, 2]
+    around = _around(_DIRECTIONS)
     height_m = float(_heights_m(shapes, centre_m, down[None])[0])
     for step_deg in _STEPS_DEG:
         step = math.radians(step_deg)
         while _tilt_deg(down) < _MOST_TILT_DEG:
-            first, second, _ = np.array(frame_of(triple(down)))
+            first, second, _ = frame_of(triple(down))
             aside = around @ np.array([first, second])  # [n, 3]
             tried = math.cos(step) * down + math.sin(step) * aside
             heights_m = _heights_m(shapes, centre_m, tried)
@@ -272,13 +303,15 @@ def _inside_m(
 ) -> tuple[float, str]:
     """How far the centre of mass is inside of what touches the floor, at the nearest side, and that
     side."""
-    points_m = np.concatenate([_contacts_m(shape) for shape in shapes]) - centre_m  # [n, 3]
-    reaches_m = points_m @ down
+    contacts_m = np.concatenate([_contacts_m(shape) for shape in shapes])  # [n, 3]
+    offsets_m = contacts_m - centre_m
+    reaches_m = offsets_m @ down
     is_touching = reaches_m > reaches_m.max() - _TOUCHING_M
-    offsets_m = (points_m - np.outer(reaches_m, down))[is_touching, :2]
-    angles = np.arange(0.0, 2 * math.pi, math.radians(3.0))
-    around = np.column_stack([np.cos(angles), np.sin(angles)])
-    margins_m = (offsets_m @ around.T).max(axis=0)
+    # Seen from above, along what is downwards.
+    from_above_m = offsets_m - np.outer(reaches_m, down)
+    around = _around(_SIDES)
+    spans_m = from_above_m[is_touching, :2] @ around.T  # [touching, sides]
+    margins_m = spans_m.max(axis=0)
     nearest = int(np.argmin(margins_m))
     x, y = around[nearest]
     if abs(x) > abs(y):
@@ -288,11 +321,20 @@ def _inside_m(
     return float(margins_m[nearest]), side
 
 
+def _around(count: int) -> Floats:
+    """So many directions [count, 2] all around."""
+    angles = np.arange(count) * 2 * math.pi / count
+    return np.asarray(np.column_stack([np.cos(angles), np.sin(angles)]))
+
+
 def _contacts_m(shape: Shape) -> Floats:
     """Points [n, 3] at which a shape may touch a level floor."""
+    radius_m, *_ = shape.half_m
+    below_m = np.array([0.0, 0.0, -radius_m])
     if shape.form is Form.BALL:
-        return np.array([shape.centre_m - (0.0, 0.0, shape.half_m[0])])
+        return np.array([shape.centre_m + below_m])
     if shape.is_level:
-        return np.array([end_m - (0.0, 0.0, shape.half_m[0]) for end_m in shape.ends_m])
+        return np.asarray(np.array(shape.ends_m) + below_m)
     signs = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
-    return np.asarray(shape.centre_m + signs * shape.half_m @ shape.axes)
+    corners_m = signs * shape.half_m  # [8, 3]
+    return np.asarray(shape.centre_m + corners_m @ shape.axes)

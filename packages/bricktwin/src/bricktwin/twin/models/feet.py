@@ -17,7 +17,7 @@ import numpy as np
 from bricktwin.plans.connections import graph_of, reached
 from bricktwin.plans.geometry import M_PER_LDU, Bools, Floats, Form, Solid
 from bricktwin.plans.mechanism.articulation import Articulation
-from bricktwin.plans.mechanism.kinematics import TO_TWIN
+from bricktwin.plans.mechanism.kinematics import TO_TWIN, point_m_of
 from bricktwin.plans.plan import Placed
 from bricktwin.plans.planned_robot import PlannedRobot
 from bricktwin.twin.models.linkage import Linkage
@@ -79,14 +79,17 @@ class Shape(NamedTuple):
     def reach_m(self, directions: Floats) -> Floats:
         """How far it reaches in directions [n, 3] from the origin of the plan [n]."""
         from_origin_m = directions @ self.centre_m
-        along = np.abs(directions @ self.axes.T)  # [n, 3]
+        cosines = np.abs(directions @ self.axes.T)  # [n, 3]
         if self.form is Form.BALL:
-            own_m = np.full(len(directions), self.half_m[0])
-        elif self.form is Form.BOX:
-            own_m = along @ self.half_m
-        else:
-            across = np.sqrt(np.maximum(1.0 - along[:, 2] ** 2, 0.0))
-            own_m = across * self.half_m[0] + along[:, 2] * self.half_m[2]
+            return np.asarray(from_origin_m + self.half_m[0])
+        if self.form is Form.BOX:
+            # The farthest corner is the one on the direction's side of each axis.
+            return np.asarray(from_origin_m + cosines @ self.half_m)
+        radius_m, _, half_length_m = self.half_m
+        along = cosines[:, 2]
+        # Rounding may make a cosine larger than 1.
+        across = np.sqrt(np.maximum(1.0 - along**2, 0.0))
+        own_m = across * radius_m + along * half_length_m
         return np.asarray(from_origin_m + own_m)
 
 
@@ -127,9 +130,12 @@ def skids_of(planned: PlannedRobot, feet: Sequence[Shape]) -> tuple[Shape, ...]:
     for foot in feet:
         reach_m = _reaches_m([foot], turns[foot.body], tilts)[0]
         floor_m = np.maximum(floor_m, reach_m)
-    still = (np.tile(np.eye(3), (_POSES, 1, 1)), np.zeros((_POSES, 3)))
+    # The chassis is what all turns are relative to, so its own are none.
+    upright = np.tile(np.eye(3), (_POSES, 1, 1))
+    still = (upright, np.zeros((_POSES, 3)))
     shapes = _joined_shapes(planned, 0, still)
-    return tuple(_touching(shapes, _reaches_m(shapes, still, tilts), floor_m))
+    reaches_m = _reaches_m(shapes, still, tilts)
+    return tuple(_touching(shapes, reaches_m, floor_m))
 
 
 def _touching(
@@ -142,8 +148,10 @@ def _touching(
     if not shapes:
         return []
     farthest_m = reaches_m.max(axis=0)
-    counts = farthest_m > floor_m - _SLACK_M
-    chosen = _fewest(reaches_m[:, counts] > farthest_m[counts] - _SLACK_M)
+    touches = farthest_m > floor_m - _SLACK_M
+    # What is a little higher than the lowest shape is as good as that.
+    is_lowest = reaches_m > farthest_m - _SLACK_M
+    chosen = _fewest(is_lowest[:, touches])
     return [shapes[index] for index in chosen]
 
 
@@ -167,12 +175,13 @@ def _groups(articulation: Articulation) -> list[list[int]]:
 def downwards(tilt_deg: float) -> Floats:
     """Directions [9, 3] that may be downwards for a chassis: straight, and tilted to each side and
     each corner, so that of two equal feet each is once the lower one."""
-    sine = math.sin(math.radians(tilt_deg))
-    cosine = math.cos(math.radians(tilt_deg))
+    tilt = math.radians(tilt_deg)
     directions = [(0.0, 0.0, -1.0)]
     for eighth in range(8):
         angle = eighth * math.pi / 4
-        directions.append((math.cos(angle) * sine, math.sin(angle) * sine, -cosine))
+        ahead = math.sin(tilt) * math.cos(angle)
+        aside = math.sin(tilt) * math.sin(angle)
+        directions.append((ahead, aside, -math.cos(tilt)))
     return np.array(directions)
 
 
@@ -184,16 +193,20 @@ def _reaches_m(
     """How far shapes of one body reach [shapes, poses * n] in directions [n, 3] of the chassis."""
     rotations, shifts_m = turns
     # A direction is turned into the body's own axes, and the body's shift along it is added.
-    turned = np.einsum("td,pde->pte", directions, rotations).reshape(-1, 3)
-    moved_m = np.einsum("td,pd->pt", directions, shifts_m).reshape(-1)
-    reaches_m = [shape.reach_m(turned) + moved_m for shape in shapes]
-    return np.array(reaches_m).reshape(len(shapes), len(moved_m))
+    turned = directions @ rotations  # [poses, n, 3]
+    moved_m = shifts_m @ directions.T  # [poses, n]
+    reaches_m = np.zeros((len(shapes), moved_m.size))
+    for row, shape in enumerate(shapes):
+        own_m = shape.reach_m(turned.reshape(-1, 3))
+        reaches_m[row] = own_m + moved_m.ravel()
+    return reaches_m
 
 
 def _chassis_reach_m(planned: PlannedRobot, tilts: Floats) -> Floats:
     """How far from the origin a floor is at the nearest, in directions [n, 3]: where the chassis or
     the wheels touch it [n]."""
-    reaches_m = [shape.reach_m(tilts) for shape in shapes_of(planned, 0)]
+    reaches_m = [np.full(len(tilts), -math.inf)]
+    reaches_m += [shape.reach_m(tilts) for shape in shapes_of(planned, 0)]
     for wheel in planned.articulation.wheels:
         radius_m = wheel.diameter_mm / 2000
         reaches_m.append(tilts @ wheel.centre_m + radius_m - _ABOVE_FLOOR_M)
@@ -267,21 +280,21 @@ def _shape(
     solid: Solid,
 ) -> Shape:
     """A solid of a part, in the twin's axes."""
-    axes = np.array(solid.axes) @ placed.rotation.T @ TO_TWIN.T
-    half = np.array(solid.half)
+    to_twin = TO_TWIN @ placed.rotation
+    axes = np.array(solid.axes) @ to_twin.T
+    first, second, third = solid.half
     form = solid.form
     if form is Form.RING:
         # The second size of a ring is its bore, which nothing of a floor goes into.
-        half = np.array([solid.half[0], solid.half[0], solid.half[2]])
+        second = first
         form = Form.CYLINDER
-    centre_m = placed.to_plan(np.array([solid.centre]))[0] @ TO_TWIN.T * M_PER_LDU
     return Shape(
         body,
         placed.index,
         form,
-        np.asarray(centre_m),
+        point_m_of(placed.point(solid.centre)),
         axes,
-        half * M_PER_LDU,
+        np.array([first, second, third]) * M_PER_LDU,
     )
 
 
@@ -319,9 +332,13 @@ def _joined(shapes: Sequence[Shape]) -> list[Shape]:
             if start_m >= low_m and end_m <= high_m:
                 taken.add(id(shape))
         remaining = [shape for shape in remaining if id(shape) not in taken]
-        middle_m = lowest.centre_m + lowest.axis * (low_m + high_m) / 2
-        half_m = np.array([lowest.half_m[0], lowest.half_m[0], (high_m - low_m) / 2])
-        joined.append(lowest._replace(centre_m=middle_m, half_m=half_m))
+        middle_m = (low_m + high_m) / 2
+        radius_m, _, _ = lowest.half_m
+        whole = lowest._replace(
+            centre_m=lowest.centre_m + lowest.axis * middle_m,
+            half_m=np.array([radius_m, radius_m, (high_m - low_m) / 2]),
+        )
+        joined.append(whole)
     return joined
 
 

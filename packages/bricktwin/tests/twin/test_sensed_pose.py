@@ -7,7 +7,6 @@ import math
 import mujoco
 import numpy as np
 import pytest
-from bricktwin.twin.linkage import pose_at, sensed_qpos
 
 from brickhub.robot import Robot
 from bricktwin.robots import ROBO_ARM, TWO_WHEELER, WALKER
@@ -15,6 +14,7 @@ from bricktwin.twin.make_body import make_body
 from bricktwin.twin.mujoco_body import MujocoBody
 from bricktwin.twin.physics import Physics
 from bricktwin.twin.scene import Goal
+from bricktwin.twin.sensed_pose import pose_at, sensed_qpos
 
 VOLTAGES_MV = (3000, -2500, 2000, -3500)
 _HINGE = int(mujoco.mjtJoint.mjJNT_HINGE)
