@@ -141,7 +141,7 @@ def test_first_interrupt_has_a_deadline_where_nothing_is_saved() -> None:
 
 def test_signals_after_the_last_that_counts_are_quiet() -> None:
     """Whoever waits too long sends a second one; a command may also raise one for itself."""
-    quiet = DEAF.replace('print("heard", flush=True)', 'pass')
+    quiet = DEAF.replace('print("heard", flush=True)', "pass")
     with running(quiet, stderr=subprocess.PIPE) as process:
         for number in (signal.SIGTERM, signal.SIGTERM, signal.SIGINT):
             process.send_signal(number)
