@@ -302,8 +302,11 @@ def main(session: Session) -> int:
         for command in args.commands:
             # Each command draws by itself, so that it can be run alone.
             rng = random.Random(f"{command}-{args.seed}")
+            # What one command makes is not in the way of another one.
+            made = Path(root) / f"of-{command}"
+            made.mkdir()
             with contextlib.chdir(root):
-                result[command] = cover(command, args.rows, args.minutes, rng, Path(root))
+                result[command] = cover(command, args.rows, args.minutes, rng, made)
             print(f"{command}: {result[command]}", flush=True)
             if session.is_apart or args.rows == 200:
                 session.write({"seed": args.seed, **result})
