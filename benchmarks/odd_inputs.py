@@ -449,31 +449,45 @@ def main(session: Session) -> int:
     """Try all inputs, print faults, write the result."""
     parser = session.parser
     parser.add_argument("--scale", type=float, default=1.0, help="share of the 500 inputs")
-    args = session.parse(seed=0)
+    kinds = {kind.__name__: kind for kind in KINDS}
+    args = session.parse(seed=0, kinds=list(kinds))
     os.environ["MUJOCO_GL"] = "disable"
-    tried: Counter[str] = Counter()
-    faults: list[dict[str, str]] = []
+    # A shell in the background makes us, and so the commands, ignore it.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    setup = {"seed": args.seed, "scale": args.scale}
+    known = session.known() if set(args.kinds) < set(kinds) else {}
+    # Kinds that are not tried again keep what they gave with the same seed.
+    if {name: known.get(name) for name in setup} != setup:
+        known = {}
+    tried: Counter[str] = Counter(known.get("inputs", {}))
+    faults: list[dict[str, str]] = list(known.get("faults", ()))
     start_s = time.monotonic()
     with tempfile.TemporaryDirectory() as root:
         os.environ["XDG_CONFIG_HOME"] = str(Path(root) / "settings")
-        shop, rng = Workshop(Path(root) / "shop"), random.Random(args.seed)
+        shop = Workshop(Path(root) / "shop")
         shop.prepare()
-        for kind, count in KINDS.items():
-            for about, trial in kind(shop, rng, round(count * args.scale)):
-                tried[kind.__name__] += 1
+        for name in args.kinds:
+            tried[name] = 0
+            faults = [fault for fault in faults if fault["kind"] != name]
+            # Each kind draws by itself, so that it can be tried alone.
+            rng = random.Random(f"{name}-{args.seed}")
+            count = round(KINDS[kinds[name]] * args.scale)
+            for about, trial in kinds[name](shop, rng, count):
+                tried[name] += 1
                 with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
                     fault = trial(Path(folder))
                 if fault:
-                    faults.append({"kind": kind.__name__, "input": about, "fault": fault})
-                    print(f"{kind.__name__}: {about}: {fault}", flush=True)
+                    faults.append({"kind": name, "input": about, "fault": fault})
+                    print(f"{name}: {about}: {fault}", flush=True)
+    seconds = known.get("seconds", 0) + round(time.monotonic() - start_s)
     result: dict[str, Any] = {
-        "seed": args.seed,
+        **setup,
         "inputs": dict(tried),
         "total": sum(tried.values()),
         "faults": faults,
-        "seconds": round(time.monotonic() - start_s),
+        "seconds": seconds,
     }
-    print(f"{sum(tried.values())} inputs, {len(faults)} faults, {result['seconds']} s")
+    print(f"{result['total']} inputs, {len(faults)} faults, {seconds} s")
     if args.scale == 1.0 or session.is_apart:
         session.write(result)
     return 1 if faults else 0

@@ -16,6 +16,7 @@ import itertools
 import os
 import random
 import tempfile
+import time
 import traceback
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -242,13 +243,23 @@ def reduced(command: str, row: Row, code: int, count: Iterator[int], folder: Pat
     return {name: value for name, value in needed.items() if value != options[name][0]}
 
 
-def cover(command: str, rows: int, rng: random.Random, folder: Path) -> dict[str, Any]:
-    """Run up to ``rows`` rows of a command's covering array."""
+def cover(
+    command: str,
+    rows: int,
+    minutes: float,
+    rng: random.Random,
+    folder: Path,
+) -> dict[str, Any]:
+    """Run up to ``rows`` rows of a command's covering array, and begin none after ``minutes``."""
+    limit_s = time.monotonic() + 60.0 * minutes
     options, count = OPTIONS[command], itertools.count()
     left, refused = all_pairs(options), set[Pair]()
     total, done, alone = len(left), 0, list[Row]()
     faults, reasons = list[dict[str, str]](), dict[str, str]()
-    while left and done < rows and (row := next_row(options, left, refused, rng)) is not None:
+    while left and done < rows and time.monotonic() < limit_s:
+        row = next_row(options, left, refused, rng)
+        if row is None:
+            break
         done += 1
         made = folder / f"made-{next(count)}"
         words = words_of(command, row, made)
@@ -278,16 +289,25 @@ def cover(command: str, rows: int, rng: random.Random, folder: Path) -> dict[str
 
 
 def main(session: Session) -> int:
-    """Run the covering arrays, print faults, write the result."""
-    args = session.parse(rows=200, seed=0, commands=list(OPTIONS))
+    """Run the covering arrays, print faults, write the result after each command; those of commands
+    that are not run again stay."""
+    args = session.parse(rows=200, minutes=60.0, seed=0, commands=list(OPTIONS))
     os.environ["MUJOCO_GL"] = "disable"
-    rng, result = random.Random(args.seed), dict[str, Any]()
-    with tempfile.TemporaryDirectory() as root, contextlib.chdir(root):
+    known = session.known()
+    result = {command: known[command] for command in OPTIONS if command in known}
+    with tempfile.TemporaryDirectory() as root:
         os.environ["XDG_CONFIG_HOME"] = str(Path(root) / "settings")
-        prepare(Path(root))
+        with contextlib.chdir(root):
+            prepare(Path(root))
         for command in args.commands:
-            result[command] = cover(command, args.rows, rng, Path(root))
+            # Each command draws by itself, so that it can be run alone.
+            rng = random.Random(f"{command}-{args.seed}")
+            # What one command makes is not in the way of another one.
+            made = Path(root) / f"of-{command}"
+            made.mkdir()
+            with contextlib.chdir(root):
+                result[command] = cover(command, args.rows, args.minutes, rng, made)
             print(f"{command}: {result[command]}", flush=True)
-    if session.is_apart or args.rows == 200:
-        session.write(result)
-    return 1 if any(of_command["faults"] for of_command in result.values()) else 0
+            if session.is_apart or args.rows == 200:
+                session.write({"seed": args.seed, **result})
+    return 1 if any(result[command]["faults"] for command in args.commands) else 0

@@ -139,6 +139,17 @@ def test_first_interrupt_has_a_deadline_where_nothing_is_saved() -> None:
         assert process.wait(LONGEST_S) == 130
 
 
+def test_signals_after_the_last_that_counts_are_quiet() -> None:
+    """Whoever waits too long sends a second one; a command may also raise one for itself."""
+    quiet = DEAF.replace('print("heard", flush=True)', "pass")
+    with running(quiet, stderr=subprocess.PIPE) as process:
+        for number in (signal.SIGTERM, signal.SIGTERM, signal.SIGINT):
+            process.send_signal(number)
+            time.sleep(0.05)
+        _, error = process.communicate(timeout=LONGEST_S)
+        assert (process.returncode, error) == (130, "")
+
+
 def test_command_under_nohup_hears_no_closed_terminal() -> None:
     with running(DEAF, preexec_fn=lambda: signal.signal(signal.SIGHUP, signal.SIG_IGN)) as process:
         process.send_signal(signal.SIGHUP)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import re
 import signal
 import subprocess
@@ -182,3 +183,22 @@ def test_mismatched_options_print_one_line(
 ) -> None:
     program.write_text("")
     fails("run", str(program), *options, says=says)
+
+
+def test_terminal_is_no_input(brickhub, program: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whoever sits at it would not know that the program waits."""
+
+    class Terminal(io.StringIO):
+        def isatty(self) -> bool:
+            return True
+
+        def read(self, *_: object) -> str:
+            raise AssertionError("is read")
+
+    program.write_text("print(input())\n")
+    monkeypatch.setattr(sys, "stdin", Terminal("typed\n"))
+    done = brickhub("run", str(program))
+    assert done.code != 0 and "typed" not in done.out
+    monkeypatch.setattr(sys, "stdin", io.StringIO("typed\n"))
+    # A hub echoes what it reads.
+    assert brickhub("run", str(program)) == (0, "typed\ntyped\n", "")

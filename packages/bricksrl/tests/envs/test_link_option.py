@@ -114,6 +114,6 @@ def test_walker_walks_with_shorter_steps_as_long() -> None:
         "per millimetre"
     )
     assert short.success(walked) and not long.success(walked[:100]), "20 mm/s in steps of 250 ms"
-    for wrong in (0, 25_001, 100.5):
+    for wrong in (0, 25_001, 100.5, "100"):
         with pytest.raises(DescriptionError, match="step_ms"):
             get_task("Walker-v1", step_ms=wrong)

@@ -289,3 +289,18 @@ def test_closed_simulation_makes_no_step_before_a_reset(copies: int) -> None:
     with pytest.raises(BricksError, match="no episode to step; reset"):
         env.step(state)
     env.step(env.rand_action(env.reset()))
+
+
+@pytest.mark.parametrize("env_id", SIMULATIONS)
+def test_starts_are_drawn_from_their_whole_ranges(env_id: str) -> None:
+    """Angles are no whole numbers, and none is beyond its range."""
+    env = bricksrl.make(env_id, batch_size=2000, seed=0, kinematics=QUIET)
+    task, seen = get_task(env_id), env.reset()["observation"]  # [2000, n]
+    angles = list(task.interface.angle_indices.values())
+    assert angles
+    for index in angles:
+        entry, values = task.entries[index], seen[:, index]
+        assert values.min() >= entry.low and values.max() <= entry.high
+        assert (values != values.round()).float().mean() > 0.9
+        span = entry.high - entry.low
+        assert values.min() < entry.low + span / 20 and values.max() > entry.high - span / 20

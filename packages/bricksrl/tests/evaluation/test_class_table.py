@@ -4,11 +4,13 @@ compared."""
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from test_comparison import write_run
 
+from bricksrl.cli.evaluate import print_class
 from bricksrl.errors import RunError
 from bricksrl.evaluation.class_table import class_table
 from bricksrl.training.config import TrainConfig
@@ -88,3 +90,17 @@ def test_run_that_cannot_be_read_is_named(tmp_path: Path) -> None:
     assert json.loads(table.to_json())["runs"][0]["score"] == 1.0
     with pytest.raises(RunError, match="no run in"):
         class_table(tmp_path / "nothing")
+
+
+def test_printed_table_has_an_interval_where_there_is_one(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "200")
+    pupil(tmp_path, "Anna", 0, [1.0, 2.0])
+    pupil(tmp_path, "Ben", 1, [1.0, 2.0], evaluation=None)
+    table = class_table(tmp_path)
+    anna, ben = sorted(table.rows, key=lambda row: row.name)
+    print_class(replace(table, rows=(replace(anna, interval=(1.5, 2.5)), ben)))
+    lines = {line.split()[0]: line for line in capsys.readouterr().out.splitlines() if line}
+    assert "1.5 to 2.5" in lines["Anna"] and " to " not in lines["Ben"]
+    assert "*" in lines["Ben"] and "*" not in lines["Anna"]

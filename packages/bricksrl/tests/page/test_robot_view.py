@@ -9,9 +9,11 @@ import numpy as np
 import pytest
 
 from brickhub.robot import DriveBase, HubKind, Motor, Robot
+from brickhub.virtual.machine import Machine
 from bricksrl.envs.registry import get_task
+from bricksrl.page import robot_view
 from bricksrl.page.board import Board
-from bricksrl.page.robot_view import RobotView
+from bricksrl.page.robot_view import RobotView, SteeredPace
 from bricktwin.robots import ROBO_ARM, TWO_WHEELER, WALKER, plans
 from bricktwin.robots.planned import robot_of_plan
 from bricktwin.twin.make_body import make_body
@@ -92,3 +94,35 @@ def test_real_robot_is_drawn_from_plan_or_drive_base(robot: Robot) -> None:
 def test_page_says_why_real_robot_is_not_drawn(robot: Robot, says: str) -> None:
     board = shown(robot)
     assert says in board.status[1]["no_scene"] and board.poses[1] is None
+
+
+def test_pace_keeps_to_the_speed_and_makes_up_for_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    """At double speed 100 ms of the robot are 50 ms; what was lost to something slow stays lost."""
+    now_s, waited_s, speed = [100.0], [], [2.0]
+
+    class Halted(threading.Event):
+        def wait(self, timeout: float | None = None) -> bool:
+            assert timeout is not None
+            waited_s.append(timeout)
+            now_s[0] += timeout
+            return False
+
+    monkeypatch.setattr(robot_view.time, "monotonic", lambda: now_s[0])
+    halted, machine = Halted(), make_body(TWO_WHEELER)
+    pace = SteeredPace(
+        Machine(machine), halted, lambda: speed[0], lambda: None, on_loop=lambda: None
+    )
+    for time_ms in (1000, 1100, 1200):
+        pace.keep(time_ms)
+    assert waited_s == pytest.approx([0.05, 0.05])
+    now_s[0] += 5.0
+    waited_s.clear()
+    for time_ms in (1300, 1400):
+        pace.keep(time_ms)
+    assert waited_s == pytest.approx([0.05])
+    speed[0] = 0.0
+    pace.keep(9000)
+    halted.set()
+    speed[0] = 1.0
+    pace.keep(9100)
+    assert len(waited_s) == 1, "as fast as possible, and no wait after a stop"

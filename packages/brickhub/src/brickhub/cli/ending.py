@@ -108,8 +108,11 @@ def _watch_signals(
     waits for."""
     interrupts = 0
     with source:
+        # Later ones are read as well: Python says in many lines that nobody reads them.
         while data := source.recv(1):
             number = data[0]
+            if end.is_asked.is_set():
+                continue
             if number == signal.SIGINT:
                 interrupts += 1
             # This is asked again at each signal, because it is known only from its beginning on
@@ -118,8 +121,7 @@ def _watch_signals(
             if number in numbers or interrupts > patience:
                 end.is_asked.set()
                 end_after(DEADLINE_S)
-                return
-            if number == signal.SIGINT:
+            elif number == signal.SIGINT:
                 threading.Thread(
                     target=_answer_interrupt,
                     args=(end,),
