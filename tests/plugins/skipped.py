@@ -69,8 +69,8 @@ LACKS = (
     Lack("LDraw library", "an LDraw library", "set LDRAWDIR to one (www.ldraw.org)", may_be=True),
     Lack("IPv6", "IPv6", "nothing: it is a thing of the network of this computer", may_be=True),
     Lack(
-        "POSIX|numbers of Linux|Windows|pseudo-terminal|names are bytes|in /proc|file's size|SIGKILL|"
-        "process groups|stand in for the firmware",
+        "POSIX|numbers of Linux|Windows|pseudo-terminal|names are bytes|in /proc|file's size|"
+        "SIGKILL|process groups|stand in for the firmware",
         "another operating system",
         "nothing: it is tested there",
         may_be=True,
