@@ -5,7 +5,8 @@
 Each plan of a folder, beside those of this repository, is looked at as `bricksrl learn` does; its
 robot learns the first that it can, with one seed, or says why it can learn nothing. Plans of others
 are named by their digest, as in `plans_of_others.csv`; nothing of them is stored. Returns are means
-over 20 episodes, over the link and of the program by itself.
+over 20 episodes, over the link and of the program by itself. Pictures of our robots come into
+docs/images/drawings.png.
 """
 
 from __future__ import annotations
@@ -13,8 +14,11 @@ from __future__ import annotations
 import hashlib
 import tempfile
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
+
+from PIL import Image, ImageDraw
 
 from benchmarks.session import Session
 from brickhub.tables import read_table
@@ -26,8 +30,13 @@ from bricksrl.training import TrainConfig, train
 from bricktwin import robots
 from bricktwin.robots.as_drawn import robot_as_drawn
 from bricktwin.robots.planned import is_plan
+from bricktwin.twin.mujoco_body import MujocoBody
+from bricktwin.twin.physics import Physics
+from bricktwin.twin.render.opengl import Renderer
+from bricktwin.twin.scene import OPEN_FLOOR
 
 ROOT = Path(__file__).parent.parent
+PICTURES = ROOT / "docs" / "images"
 EPISODES = 20
 OURS = (
     *sorted((Path(robots.__file__).parent / "plans").glob("*.ldr")),
@@ -92,6 +101,21 @@ def learned(path: Path, goal: str, episodes: int) -> dict[str, Any]:
         return {**found, "over_link": exported.policy_return, "alone": exported.hub_return}
 
 
+def sheet(paths: Sequence[Path]) -> Image.Image:
+    """Pictures of the robots of some plans, each with the name of its file."""
+    across, width_px, height_px = 3, 320, 210
+    rows = -(-len(paths) // across)
+    whole = Image.new("RGB", (across * width_px, rows * height_px), "white")
+    for number, path in enumerate(paths):
+        body = MujocoBody(robot_as_drawn(path).robot, OPEN_FLOOR, Physics(), 0)
+        with Renderer(body, width_px, height_px, "portrait", shadows=True) as renderer:
+            picture = Image.fromarray(renderer.render())
+        ImageDraw.Draw(picture).text((8, 6), path.stem.replace("_", " "), fill="black")
+        row, column = divmod(number, across)
+        whole.paste(picture, (column * width_px, row * height_px))
+    return whole
+
+
 def main(session: Session) -> None:
     """Look at all, let them learn, and write what was found."""
     session.parser.add_argument("folder", type=Path, nargs="?")
@@ -115,3 +139,6 @@ def main(session: Session) -> None:
         known[name] = look(path, args.episodes)
         print(name, known[name], flush=True)
         session.write({"episodes": EPISODES, "plans": known})
+    picture = session.place_of(PICTURES) / "drawings.png"
+    ours = [path for path in plans.values() if path in OURS]
+    sheet(ours).quantize(200).save(picture)

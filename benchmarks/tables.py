@@ -975,6 +975,63 @@ def gait(result: Result) -> str:
     )
 
 
+def drawings(result: Result) -> str:
+    """What robots learn that were drawn."""
+    rows = []
+    for name, found in result["plans"].items():
+        learned = found.get("learned", {})
+        can = ", ".join(found.get("can", ())) or "nothing"
+        why = found.get("refused") or learned.get("refused", "")
+        if not (why or learned):
+            reasons = [*found["lacks"], *dict.fromkeys(found["cannot"].values())]
+            why = "; ".join(reasons)
+        cells = [name, can, learned.get("goal", "")]
+        if "return" not in learned:
+            rows.append([*cells, why, "", "", ""])
+            continue
+        alone = learned.get("no_program", "")
+        if not alone:
+            alone = f"{number(learned['alone'])} ({number(learned['over_link'])})"
+        success = learned["success_rate"]
+        rows.append(
+            [
+                *cells,
+                f"{number(learned['return'])}, {learned['steps']} steps",
+                "" if success is None else percent(success),
+                alone,
+                f"{learned['cpu_s']:.0f} s",
+            ]
+        )
+    head = [
+        "plan",
+        "it can learn",
+        "it learned",
+        "return, or why not",
+        "success",
+        "by itself (over the link)",
+        "CPU time",
+    ]
+    return table(head, rows)
+
+
+def walkers(result: Result) -> str:
+    """Walkers of different legs."""
+    rows = []
+    for name, found in result["walkers"].items():
+        rows.append(
+            [
+                name.replace("_", " "),
+                str(found["parts"]),
+                f"{found['mass_g']} g",
+                f"{1000 * found['least_m_s']:.0f}",
+                f"{1000 * found['mean_m_s']:.0f}",
+                str(found["falls"]),
+            ]
+        )
+    head = ["walker", "parts", "mass", "slowest seed, mm/s", "mean of 5 seeds, mm/s", "falls"]
+    return table(head, rows)
+
+
 SECTIONS: dict[str, tuple[str, Callable[[Result], str]]] = {
     "robots": ("SAC on each robot, with the paper's number of episodes", robots),
     "kit_learning": ("SAC on the cart of LEGO's kits, through LEGO's package", kit_learning),
@@ -1025,6 +1082,8 @@ SECTIONS: dict[str, tuple[str, Callable[[Result], str]]] = {
     "link_profiles": ("SAC on each robot over each link of the virtual hub", link_profiles),
     "measure": ("Two minutes with a robot: errors of `twin measure`", measured_robots),
     "link_rates": ("Rate of the link, over a simulated radio", link_rates),
+    "drawings": ("Drawings that learn, from the plan alone (one seed)", drawings),
+    "walkers": ("Walkers of different legs, after two minutes of robot time", walkers),
     "kit_programs": ("Virtual devices of LEGO's kits, behind LEGO's package", kit_programs),
 }
 

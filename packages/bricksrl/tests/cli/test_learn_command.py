@@ -27,12 +27,12 @@ def test_look_says_what_each_device_is_and_what_can_be_learned(bricksrl):
 
 def test_learning_ends_with_a_report_and_the_hubs_program(bricksrl, tmp_path):
     run = tmp_path / "six"
-    done = bricksrl(
-        "learn", str(SIX_LEGS), "--episodes", "1", "--no-film", "--run", str(run), timeout_s=240.0
-    )
+    words = ["--episodes", "1", "--no-film", "--scene", "sumo", "--run", str(run)]
+    done = bricksrl("learn", str(SIX_LEGS), *words, timeout_s=240.0)
     assert done.returncode == 0, done.stderr
     folder = RunFolder(run)
     assert folder.read_config().agent == "gait"
+    assert folder.read_config().scene == "sumo"
     assert (run / "report.html").exists()
     program = (run / "on_the_hub.py").read_text(encoding="utf-8")
     assert "def turn_legs" in program

@@ -17,10 +17,12 @@ from brickhub.user_files import NotCode, check_there, without_name
 from bricksrl.cli.page import LivePageGroup, PageFlag
 from bricksrl.cli.terminal import telling
 from bricksrl.cli.train import FilmFlag, Train, run_folder
+from bricksrl.envs.options import EnvOptions
 from bricksrl.errors import BricksError, DescriptionError, counted
 from bricksrl.page.server import PageOptions
 from bricksrl.training.config import RunOptions
 from bricktwin.robots.planned import is_plan
+from bricktwin.target import load_scene
 
 if TYPE_CHECKING:
     from bricksrl.envs.abilities.of_plans import Offer
@@ -58,6 +60,9 @@ class Learn:
     """Seed of all random numbers: the same seed gives the same run."""
     run: Annotated[Path | None, option(metavar="DIR")] = None
     """Folder to write to, which must not exist; by default runs/<plan>-<goal>-..."""
+    scene: Annotated[str | None, option(metavar="SCENE"), Existing(load_scene)] = None
+    """Where it learns, in place of the goal's own surroundings: a world, a picture or a photograph
+    of a mat with its size, as of `bricksrl train`."""
     name: Annotated[str, option(metavar="NAME"), NotCode()] = ""
     """Name of the pupil or the group, for report and comparisons."""
     page: PageFlag = False
@@ -94,6 +99,7 @@ class Learn:
             episodes=self.episodes,
             seed=self.seed,
             learning=RunOptions(name=self.name),
+            robot=EnvOptions(scene=self.scene),
             page=self.page,
             film=self.film,
             live_page=self.live_page,
