@@ -130,6 +130,27 @@ def test_two_motors_on_one_axle_raise():
     assert "\n" not in str(caught.value)
 
 
+def motors_side_by_side(*gears: str) -> list[str]:
+    """Two motors with shared pins, 60 LDU apart, each with an axle and a gear."""
+    lines: list[str] = []
+    for port, x, gear in zip("AB", (0, 60), gears, strict=True):
+        lines += [
+            f"0 !BRICKSRL PORT {port}",
+            f"1 15 {x} 0 0 1 0 0 0 1 0 0 0 1 54696p02.dat",
+            f"1 0 {x} -60 0 0 -1 0 1 0 0 0 0 1 3706.dat",
+            f"1 7 {x} -60 0 {FLAT} {gear}.dat",
+        ]
+    return lines + [f"1 0 30 {y} 20 1 0 0 0 0 -1 0 1 0 2780.dat" for y in (20, -20)]
+
+
+@pytest.mark.parametrize(
+    ("gears", "together"),
+    [(("3648b", "3648b"), (("A", "B"),)), (("3648b", "10928"), ())],
+)
+def test_motors_whose_gears_mesh_are_geared_together(gears, together):
+    assert planned(plan_of(*motors_side_by_side(*gears))).geared_together == together
+
+
 def test_motor_whose_shaft_is_pinned_to_its_case_raises():
     motor = ["0 !BRICKSRL PORT A", "1 15 0 0 0 1 0 0 0 1 0 0 0 1 54696p02.dat"]
     beam = [f"1 0 30 {y} 20 1 0 0 0 0 -1 0 1 0 2780.dat" for y in (20, -20, -60)]

@@ -2,18 +2,20 @@
 end stops."""
 
 import functools
+import itertools
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from brickhub.errors import PlanError
-from bricktwin.plans.bodies import find_bodies
+from bricktwin.plans.bodies import Bodies, find_bodies
 from bricktwin.plans.building import Occupancy
 from bricktwin.plans.connections import connections, meshes
 from bricktwin.plans.facing import turned_ahead
-from bricktwin.plans.geometry import M_PER_LDU, rotation
+from bricktwin.plans.geometry import M_PER_LDU, Floats, rotation
 from bricktwin.plans.ldraw_text import sources_of, unread
 from bricktwin.plans.mechanism.articulation import Articulation, Drive, articulation
 from bricktwin.plans.mechanism.kinematics import TO_TWIN, Train, Wheel, mechanism, trains
@@ -28,12 +30,14 @@ class PlannedRobot:
 
     Attributes:
         is_wired: whether the plan says the ports of its motors and sensors itself.
+        geared_together: pairs of ports whose motors turn only together, as on one gear.
     """
 
     plan: Plan
     trains: tuple[Train, ...]
     articulation: Articulation
     is_wired: bool = True
+    geared_together: tuple[tuple[str, str], ...] = ()
 
     def device(self, port: str) -> Placed:
         """The motor or sensor on a port of the plan."""
@@ -97,7 +101,33 @@ def planned(plan: Plan) -> PlannedRobot:
     bodies = find_bodies(plan.parts, connections(plan.parts), meshes(plan.parts))
     robot_mechanism = mechanism(plan, bodies)
     gear_trains = trains(robot_mechanism, plan.path)
-    return PlannedRobot(plan, gear_trains, articulation(robot_mechanism, gear_trains))
+    return PlannedRobot(
+        plan,
+        gear_trains,
+        articulation(robot_mechanism, gear_trains),
+        geared_together=tuple(_geared_together(plan, bodies)),
+    )
+
+
+_SMALL = 1e-3
+"""Rates of motors are of order one; what is that much smaller is a rounding error of drawing."""
+
+
+def _geared_together(plan: Plan, bodies: Bodies) -> Iterator[tuple[str, str]]:
+    """Pairs of ports whose motors turn at one ratio in whatever way the robot moves."""
+    motions = bodies.motions()
+    rates: dict[str, Floats] = {}
+    for joint in bodies.joints:
+        if joint.motor is not None:
+            rates[plan.parts[joint.motor].port or ""] = joint.rates(motions)
+    for (port, own), (other_port, other) in itertools.combinations(rates.items(), 2):
+        sizes = np.linalg.norm(own), np.linalg.norm(other)
+        if min(sizes) < _SMALL:
+            continue
+        # Parallel vectors have a cosine of 1 or -1.
+        cosine = float(own @ other) / (sizes[0] * sizes[1])
+        if 1.0 - abs(cosine) < _SMALL:
+            yield port, other_port
 
 
 # The search moves the driven part by these steps (degrees): coarse ones, and fine ones just before

@@ -124,6 +124,11 @@ def facts_of(design: PlannedRobot) -> PlanFacts:
         for placed in design.plan.parts
         if placed.part.number in _DIFFERENTIALS
     ]
+    for first, second in design.geared_together:
+        lacks.append(
+            f"ports {first} and {second}: their motors turn one gear, and a twin has one motor for "
+            "each, so that what is beyond it turns freely"
+        )
     return PlanFacts(hubs, motors, sensors, design.is_wired, lacks)
 
 

@@ -40,7 +40,7 @@ ABILITIES = {
             agent="gait",
             episodes=2,
         ),
-        Ability("reach", "turn its joints to a goal", reach),
+        Ability("reach", "turn its joints to a goal", reach, episodes=100),
     )
 }
 """What drawn robots may learn, by name; the first that a robot can is what suits it best."""

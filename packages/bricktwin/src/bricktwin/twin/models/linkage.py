@@ -88,7 +88,9 @@ def _constraints(model: mujoco.MjModel, data: mujoco.MjData) -> tuple[Floats, Fl
             data.efc_J_colind,
         )
     else:
-        slopes = data.efc_J.reshape(slopes.shape)
+        # MuJoCo keeps room for the rows of all constraints, but leaves out those that no joint can
+        # change; the rows that are left come first.
+        slopes = data.efc_J.ravel()[: slopes.size].reshape(slopes.shape)
     # MuJoCo puts equalities first; friction, limits and contacts follow them.
     equalities = slice(0, data.ne)
     gaps = data.efc_pos[equalities].copy()
