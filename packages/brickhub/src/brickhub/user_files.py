@@ -163,6 +163,12 @@ def load_object(
             f"'{reference}' names no Python file; give FILE.py, FILE.py:NAME or module:NAME"
         )
     location, name = _parts(reference)
+    if location.lower().endswith(PLAN_ENDINGS):
+        # A plan is no code: what is named in one must never be looked for in a module.
+        raise UnknownNameError(
+            f"'{reference}' names something in a building plan, which is no Python file; give the "
+            f"plan alone, {location}, or a Python file"
+        )
     module = _load(location, reference)
     if not name and isinstance(default, type):
         return _only(default, module, reference, missing)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from brickhub.errors import UnknownNameError, hint
 from brickhub.target import Target
-from brickhub.user_files import is_reference, load_object
+from brickhub.user_files import is_reference, load_object, without_name
 from bricksrl.envs.arenas import ARENAS, get_arena_task
 from bricksrl.envs.registry import get_task
 from bricksrl.envs.task import Task
@@ -28,6 +28,8 @@ def find(name: str) -> Target:
         return _in_arena(get_arena_task(arena), contestant)
     if name in robots.ROBOTS or is_plan(name):
         return target.find(name)
+    if is_plan(without_name(name)):
+        return _of_task(get_task(name))
     # A file that has no task may have a robot alone.
     if is_reference(name) and not _names_task(name):
         return target.find(name)
@@ -37,6 +39,11 @@ def find(name: str) -> Target:
         if is_reference(name):
             raise
         raise UnknownNameError(f"{error}; or a robot: {', '.join(robots.ROBOTS)}") from None
+    return _of_task(task)
+
+
+def _of_task(task: Task) -> Target:
+    """The robot of a task, in its scene."""
     return Target(
         task.id,
         task.robot,

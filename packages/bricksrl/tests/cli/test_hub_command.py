@@ -90,7 +90,7 @@ def test_run_takes_a_robot_from_a_file(bricksrl, tmp_path):
     ("options", "says"),
     [
         (("--robot", "nowhere.py"), "no file nowhere.py"),
-        (("--robot", "rover.ldr"), "rover.ldr: No such file or directory in"),
+        (("--robot", "rover.ldr"), "there is no file rover.ldr in"),
         (("--hub", "ble", "--press", "left@1s"), "leave out --hub"),
         (("--hub", "ble", "--page"), "leave out --hub"),
         (("--robot", "walker", "--reading", "B=red"), "--robot bench"),

@@ -3,6 +3,7 @@ work."""
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import pytest
@@ -10,10 +11,13 @@ import torch
 
 import bricksrl
 from brickhub.hub.interface import DriveSpeed, DriveStraight, RunAngle
+from brickhub.user_files import load_object
 from bricksrl.envs import get_task
 from bricksrl.envs.abilities.of_plans import offers
 from bricksrl.envs.env_checker import check_env
+from bricksrl.envs.registry import LABELS
 from bricksrl.errors import BricksError, DescriptionError, UnknownNameError
+from bricksrl.target import find
 from bricksrl.training.config import TrainConfig
 from bricktwin.robots import plans
 from bricktwin.robots.as_drawn import robot_as_drawn
@@ -100,3 +104,19 @@ def test_runs_have_an_absolute_path_and_an_agent_that_suits(monkeypatch):
 def test_what_a_plan_cannot_is_refused_with_the_reason(reference, kind, says):
     with pytest.raises(kind, match=says):
         get_task(reference.format(walker=PLANS / "walker.ldr"))
+
+
+def test_what_a_plan_learns_is_no_code(tmp_path, monkeypatch):
+    # A package beside the plan has its name, and must not be run.
+    package = tmp_path / "rover"
+    package.mkdir()
+    for name in ("__init__.py", "ldr.py"):
+        (package / name).write_text("raise RuntimeError('run')", encoding="utf-8")
+    shutil.copy(PLANS / "walker.ldr", tmp_path / "rover.ldr")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    assert get_task("rover.ldr:walk").id == "Walk-v0"
+    assert find("rover.ldr:walk").name == "Walk-v0"
+    assert "rover.ldr:walk" in LABELS
+    with pytest.raises(UnknownNameError, match="which is no Python file"):
+        load_object("rover.ldr:walk", "AGENT")

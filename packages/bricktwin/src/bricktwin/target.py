@@ -20,7 +20,8 @@ from brickhub.user_files import (
 )
 from brickhub.virtual.body import Body
 from bricktwin import robots
-from bricktwin.robots.planned import completed, is_plan, robot_of_plan
+from bricktwin.robots.as_drawn import robot_as_drawn
+from bricktwin.robots.planned import completed, is_plan
 from bricktwin.twin.floor_picture import read_picture
 from bricktwin.twin.make_body import lies_on_bench, make_body
 from bricktwin.twin.scene import Scene
@@ -38,7 +39,7 @@ def find(name: str) -> Target:
     if name in robots.ROBOTS:
         return with_body(robots.get(name))
     if is_plan(name):
-        return with_body(robot_of_plan(name))
+        return with_body(robot_as_drawn(name).robot)
     if not is_reference(name):
         raise UnknownNameError(
             f"there is no robot '{name}'; choose {', '.join(robots.ROBOTS)}, or name a file: "

@@ -105,7 +105,7 @@ def test_robot_in_a_users_file_has_a_body(bricktwin, program: Path, tmp_path: Pa
                 "or name a file"
             ),
         ),
-        (("--robot", "rover.ldr"), "rover.ldr: No such file or directory in"),
+        (("--robot", "rover.ldr"), "there is no file rover.ldr in"),
         (("--robot", "nowhere.py"), "no file nowhere.py"),
         (("--robot", "walker", "--reading", "B=red"), "--robot bench"),
         (("--robot", "cart"), "'cart' is of LEGO's kits"),

@@ -8,7 +8,7 @@ import pytest
 
 from brickhub.errors import PlanError
 from brickhub.robot import Direction, Sense
-from bricktwin.plans.mechanism.roles import Role
+from bricktwin.plans.mechanism.motor_role import Role
 from bricktwin.robots import EV3_DRIVER, TWO_WHEELER, plans
 from bricktwin.robots.as_drawn import robot_as_drawn
 from bricktwin.twin.mujoco_body import MujocoBody

@@ -102,11 +102,13 @@ _specs = dict(_BUILT_IN)
 
 
 class _Labels:
-    """Texts that can only be the id of an environment: it is looked up here, or names one that is
-    given, and is never loaded."""
+    """Texts that can only be the id of an environment: it is looked up here, names one that is
+    given, or what the robot of a plan learns, and is never loaded."""
 
     def __contains__(self, text: object) -> bool:
-        return isinstance(text, str) and re.fullmatch(r"[\w-]+", text) is not None
+        if not isinstance(text, str):
+            return False
+        return re.fullmatch(r"[\w-]+", text) is not None or is_plan(without_name(text))
 
 
 LABELS = _Labels()

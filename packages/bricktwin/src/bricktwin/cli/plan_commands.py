@@ -17,7 +17,6 @@ from bricktwin.plans.booklet.parts_list import as_text, owned, parts_list, purch
 from bricktwin.plans.check import check
 from bricktwin.plans.plan import Plan, read_plan
 from bricktwin.robots.planned import check_named, plan_file, without_stops
-from bricktwin.twin.models.balance import plan_balance
 
 _ROBOTS = "two-wheeler, walker, robo-arm, ev3-driver"
 _PLAN = f"An LDraw file (.ldr, .mpd), Studio's .io, or a robot: {_ROBOTS}."
@@ -64,6 +63,9 @@ class CheckPlan:
 
     def execute(self) -> int:
         plan = read_named_plan(self.plan)
+        # Models import MuJoCo, which no other command of plans needs.
+        from bricktwin.twin.models.balance import plan_balance
+
         balance = plan_balance(plan)
         findings = check(plan) + check_named(plan)
         if balance is not None:

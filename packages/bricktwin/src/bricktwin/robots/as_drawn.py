@@ -18,7 +18,7 @@ from brickhub.robot import (
     SensorKind,
 )
 from brickhub.robot.spec import sensor_of
-from bricktwin.plans.mechanism.roles import Role
+from bricktwin.plans.mechanism.motor_role import Role
 from bricktwin.robots.plan_facts import DeviceFacts, read_facts
 from bricktwin.robots.planned import plan_file, robot_of_plan
 

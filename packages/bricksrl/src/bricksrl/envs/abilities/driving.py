@@ -23,7 +23,7 @@ from bricksrl.envs.tasks.park import PARK
 from bricksrl.envs.tasks.run_away import RUN_AWAY, metrics_without_tilt
 from bricksrl.envs.tasks.spinning import SPINNING
 from bricksrl.errors import DescriptionError, counted
-from bricktwin.plans.mechanism.roles import Role
+from bricktwin.plans.mechanism.motor_role import Role
 from bricktwin.robots.as_drawn import DrawnRobot
 from bricktwin.twin.mujoco_body import MujocoBody
 from bricktwin.twin.physics import Physics

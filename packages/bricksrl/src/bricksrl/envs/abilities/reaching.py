@@ -5,7 +5,7 @@ from brickhub.robot import Robot
 from bricksrl.envs.task import SampledEntry, Task, Tensor
 from bricksrl.envs.tasks.walker import shortest_angle_deg
 from bricksrl.errors import DescriptionError
-from bricktwin.plans.mechanism.roles import Role
+from bricktwin.plans.mechanism.motor_role import Role
 from bricktwin.robots.as_drawn import DrawnRobot
 
 _STEP_MS = 250

@@ -8,7 +8,7 @@ from brickhub.entry import Entry
 from brickhub.hub.interface import Channel, Interface, MotorAngle, Pitch, Roll, RunAngle, Wait
 from bricksrl.envs.task import Task, Tensor
 from bricksrl.errors import DescriptionError
-from bricktwin.plans.mechanism.roles import Role
+from bricktwin.plans.mechanism.motor_role import Role
 from bricktwin.robots.as_drawn import DrawnRobot
 
 _STEP_MS = 250

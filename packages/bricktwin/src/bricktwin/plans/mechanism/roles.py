@@ -1,12 +1,11 @@
 """Roles of motors: what each motor of a plan moves, as its parts and the floor show."""
 
-import enum
-
 import numpy as np
 
 from bricktwin.plans.geometry import M_PER_LDU, Floats
 from bricktwin.plans.mechanism.articulation import Articulation, Drive
 from bricktwin.plans.mechanism.kinematics import TO_TWIN
+from bricktwin.plans.mechanism.motor_role import Role
 from bricktwin.plans.plan import Placed, Plan
 
 _LEVEL_COSINE = 0.5
@@ -15,19 +14,6 @@ _CRANK_M = 0.024
 """Height above the floor, as drawn, up to which a part of a linkage is a foot: that of a crank of
 three modules, which lifts it."""
 _ROUNDING_M = 0.001
-
-
-class Role(enum.StrEnum):
-    """What a motor moves."""
-
-    WHEEL = "wheel"
-    """A wheel that rolls on the floor."""
-    STEERING = "steering"
-    """What carries a wheel, about an upright axis."""
-    LEG = "leg"
-    """Something without wheels that reaches the floor when it turns."""
-    JOINT = "joint"
-    """Something else: an arm, a gripper, a head."""
 
 
 def roles_of(plan: Plan, articulation: Articulation) -> dict[str, Role]:
