@@ -22,7 +22,7 @@ from brickhub.hub.interface import (
 from brickhub.robot import Robot, UltrasonicSensor
 from brickhub.search.approach import approach
 from brickhub.search.bayesian_search import trial_score
-from brickhub.search.oscillators import oscillators
+from brickhub.search.oscillators import NO_LEGS, oscillators
 from brickhub.search.structure import HubStructure
 from bricktwin.twin.standing import Pose
 
@@ -98,6 +98,9 @@ def walk(robot: Robot) -> Lesson:
         is_free = motor.range_deg is None and motor.end_stops_deg is None
         if is_free and motor.kind.model.has_encoder:
             legs.append(motor.name)
+    # A single motor that turns all around, beside others that do not, is that of a turntable.
+    if len(legs) == 1 and len(robot.motors) > 1:
+        raise DescriptionError(NO_LEGS)
     commands = [RunAngle(leg, -_TURN_DEG, _TURN_DEG, speed_deg_s=_LEG_SPEED_DEG_S) for leg in legs]
     channels: list[Channel] = [MotorAngle(leg) for leg in legs]
     if robot.needs_imu:
