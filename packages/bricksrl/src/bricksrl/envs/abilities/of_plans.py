@@ -21,9 +21,13 @@ from bricktwin.robots.as_drawn import DrawnRobot, robot_as_drawn
 ABILITIES = {
     ability.name: ability
     for ability in (
-        Ability("walk", "walk forward", walk, agent="gait", episodes=3),
-        Ability("line", "follow the edge of a line", follow_line, episodes=60),
-        Ability("park", "park in a bay", park, episodes=60),
+        Ability(
+            "walk",
+            "walk forward",
+            walk,
+            agent="gait",
+            episodes=3,
+        ),
         Ability(
             "stop",
             "stop before a wall",
@@ -31,8 +35,30 @@ ABILITIES = {
             agent="gait",
             episodes=40,
         ),
-        Ability("away", "drive away from a wall", drive_away, episodes=20),
-        Ability("spin", "spin to the side that it is told", spin, episodes=15),
+        Ability(
+            "away",
+            "drive away from a wall",
+            drive_away,
+            episodes=20,
+        ),
+        Ability(
+            "spin",
+            "spin to the side that it is told",
+            spin,
+            episodes=15,
+        ),
+        Ability(
+            "line",
+            "follow the edge of a line",
+            follow_line,
+            episodes=60,
+        ),
+        Ability(
+            "park",
+            "park in a bay",
+            park,
+            episodes=60,
+        ),
         Ability(
             "ahead",
             "drive ahead",
@@ -40,10 +66,16 @@ ABILITIES = {
             agent="gait",
             episodes=2,
         ),
-        Ability("reach", "turn its joints to a goal", reach, episodes=100),
+        Ability(
+            "reach",
+            "turn its joints to a goal",
+            reach,
+            episodes=100,
+        ),
     )
 }
-"""What drawn robots may learn, by name; the first that a robot can is what suits it best."""
+"""What drawn robots may learn, by name; the first ones need the least time, and each robot is
+offered the first that it can at first."""
 
 
 @dataclass(frozen=True)
