@@ -36,7 +36,7 @@ def test_learning_ends_with_a_report_and_the_hubs_program(bricksrl, tmp_path):
     assert (run / "report.html").exists()
     program = (run / "on_the_hub.py").read_text(encoding="utf-8")
     assert "def turn_legs" in program
-    assert f"--robot {SIX_LEGS}" in done.stdout
+    assert f"--robot {SIX_LEGS}:walk" in done.stdout
 
 
 def test_json_has_what_the_lines_have(bricksrl):
@@ -72,3 +72,12 @@ def test_robot_that_tips_over_is_told_why_before_it_learns(bricksrl, tmp_path):
     done = bricksrl("learn", str(path), "--look", "--json")
     (note,) = json.loads(done.stdout)["notes"]
     assert re.search(r"tips over backwards by \d+ degrees: its centre of mass, \d+ mm high", note)
+
+
+def test_wheels_that_do_not_reach_the_floor_are_told(bricksrl, tmp_path):
+    text = (PLANS / "two_wheeler.ldr").read_text(encoding="utf-8")
+    path = tmp_path / "small.ldr"
+    path.write_text(text.replace(" 39367p02.dat", " 56145c01.dat"), encoding="utf-8")
+    done = bricksrl("learn", str(path), "--look", "--json")
+    notes = json.loads(done.stdout)["notes"]
+    assert any("its driven wheels do not touch the floor" in note for note in notes)

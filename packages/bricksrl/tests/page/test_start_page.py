@@ -141,7 +141,8 @@ def test_drawing_in_the_folder_is_looked_at_and_taught(
     with walk(browser, start.url) as page:
         broken = page.locator("#drawings li", has_text="broken.ldr")
         button(broken, "What can it learn?").click()
-        page.locator(".job", has_text="broken.ldr is looked at").locator("pre").wait_for()
+        broken.get_by_role("alert").wait_for()
+        assert "broken.ldr" in broken.get_by_role("alert").inner_text()
         drawing = page.locator("#drawings li", has_text="mine.ldr")
         button(drawing, "What can it learn?").click()
         teach = button(drawing, "Teach it to walk forward")

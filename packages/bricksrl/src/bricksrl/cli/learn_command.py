@@ -21,6 +21,7 @@ from bricksrl.envs.options import EnvOptions
 from bricksrl.errors import BricksError, DescriptionError, counted
 from bricksrl.page.server import PageOptions
 from bricksrl.training.config import RunOptions
+from bricksrl.training.run_folder import RunFolder
 from bricktwin.robots.planned import is_plan
 from bricktwin.target import load_scene
 
@@ -28,6 +29,8 @@ if TYPE_CHECKING:
     from bricksrl.envs.abilities.of_plans import Offer
     from bricktwin.robots.as_drawn import DrawnRobot
 
+_WORSE = 0.25
+"""Share of its return that a policy may lose on the hub before that is said."""
 _PROGRAM = "on_the_hub.py"
 """The exported program, in the folder of the run."""
 
@@ -109,7 +112,8 @@ class Learn:
             agent = train.config(reference).agent
             folder = run_folder(None, reference, agent, self.seed)
         replace(train, run=folder).execute()
-        _export(folder, file)
+        _say_if_nothing_was_learned(folder)
+        _export(folder, reference)
 
 
 def _as_json(drawn: DrawnRobot, offered: list[Offer]) -> dict[str, Any]:
@@ -151,12 +155,30 @@ def _notes(drawn: DrawnRobot) -> list[str]:
     balance = balance_of(planned_robot(drawn.path))
     if balance is not None and balance.fault is not None:
         notes.append(f"{drawn.robot.name}: {balance.fault}.")
+    notes += _wheels_in_the_air(drawn)
     if not drawn.is_wired and (drawn.motors or drawn.sensors):
         notes.append(
             "The plan says no ports, so they are given in the order of building: plug the cables "
             "in so, or write 0 !BRICKSRL PORT A before each motor and sensor."
         )
     return notes
+
+
+def _wheels_in_the_air(drawn: DrawnRobot) -> list[str]:
+    """A note if none of the driven wheels comes down on the floor."""
+    from bricktwin.plans.mechanism.motor_role import Role
+    from bricktwin.twin.make_body import make_body
+    from bricktwin.twin.mujoco_body import MujocoBody
+
+    body = make_body(drawn.robot)
+    tyres = {f"tyre_{wheel.facts.port}" for wheel in drawn.motors_with(Role.WHEEL)}
+    if not tyres or not isinstance(body, MujocoBody) or tyres & body.touching():
+        return []
+    note = (
+        f"{drawn.robot.name}: its driven wheels do not touch the floor, as something else is "
+        "lower; take larger wheels, or put what is lower higher."
+    )
+    return [note]
 
 
 def _say(drawn: DrawnRobot, offered: list[Offer]) -> None:
@@ -197,7 +219,19 @@ def _chosen(plan: str, offered: list[Offer]) -> str:
     return names[0] if len(names) == 1 else choose("What is it to learn?", names, names[0])
 
 
-def _export(folder: Path, plan: str) -> None:
+def _say_if_nothing_was_learned(folder: Path) -> None:
+    """Say it where no episode of the evaluation succeeded."""
+    run = RunFolder(folder)
+    evaluation = run.own_evaluation(len(run.read_episodes()))
+    if evaluation is not None and evaluation["success_rate"] == 0.0:
+        episodes = 2 * len(run.read_episodes())
+        print_note(
+            "It has not learned this: no episode succeeded. Look at the film; then train longer, "
+            f"`bricksrl resume {quoted(folder)} --episodes {episodes}`, or change the robot."
+        )
+
+
+def _export(folder: Path, reference: str) -> None:
     """Write the program for the hub beside the run, and say how it does there; what a hub cannot do
     is said."""
     from bricksrl.policies.hub_export import export_program
@@ -214,4 +248,10 @@ def _export(folder: Path, plan: str) -> None:
         f"                a return of {exported.hub_return:.3g} on the virtual hub by itself, "
         f"{exported.policy_return:.3g} over the link"
     )
-    print_line(f"run it          bricksrl hub run {quoted(out)} --robot {quoted(plan)}")
+    lost = exported.policy_return - exported.hub_return
+    if lost > _WORSE * abs(exported.policy_return):
+        print_note(
+            "By itself it does far worse than over the link: train longer, as what it has learned "
+            "may hold only for the way in which it was tried."
+        )
+    print_line(f"run it          bricksrl hub run {quoted(out)} --robot {quoted(reference)}")

@@ -142,7 +142,7 @@ def _lead(
         text += f", where random actions get {plain_number(reference['random'])} and {by_hand}"
     walked = result.metrics.get("forward_m")
     if walked is not None:
-        text += f". It walked <b>{walked:.2f} m</b> in an episode"
+        text += f". It moved <b>{walked:.2f} m</b> in an episode"
         text += "" if films is None else f"; before it had learned, {films.before.forward_m:.2f} m"
     return text + "."
 

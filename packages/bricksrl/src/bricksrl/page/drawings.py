@@ -49,6 +49,10 @@ class Drawings:
                 if isinstance(found, dict) and "abilities" in found:
                     self._looks[name] = (self._written_s(name), found)
 
+    def fail(self, name: str, line: str) -> None:
+        """Keep what that command has said of a plan that cannot be read."""
+        self._looks[name] = (self._written_s(name), {"error": line, "abilities": []})
+
     def described(self) -> list[dict[str, Any]]:
         """The plans for the page: ``name``, and ``found``, null before anybody has looked."""
         return [{"name": name, "found": self._found(name)} for name in self.names()]

@@ -570,12 +570,18 @@ class StartPage(PageServer):
         self.board.update_status(**self._seats.described())
 
     def _take_looks(self) -> None:
-        """Show what was found in a drawing beside it, and the job no more, unless it has failed."""
+        """Show what was found in a drawing, or why it cannot be read, beside it, and the job no
+        more."""
         for job in list(self._jobs):
             has_said_all = not job.is_running and not job.reader.is_alive()
-            if job.action == "look" and has_said_all and job.process.returncode == 0:
+            if job.action != "look" or not has_said_all:
+                continue
+            if job.process.returncode == 0:
                 self._drawings.take(job.about, job.lines)
-                self._jobs.remove(job)
+            else:
+                last = job.lines[-1] if job.lines else "it was ended"
+                self._drawings.fail(job.about, last.removeprefix("error: "))
+            self._jobs.remove(job)
 
     def _runs(self) -> list[dict[str, Any]]:
         """The runs in the folder, the latest first, with the mean return of the last episodes."""

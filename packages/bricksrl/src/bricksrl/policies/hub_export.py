@@ -175,7 +175,12 @@ def _task_of(env: Any) -> Task:
     """The task of an environment. Raises RunError if a hub by itself cannot know what it
     observes."""
     task = interface_of(env).task
-    if task is None or task.images or task.sensors or task.target is not None or task.client:
+    if task is not None and task.target is not None:
+        raise RunError(
+            f"a hub by itself does not know where the place to reach of {task.id} is; export the "
+            "policy of another task"
+        )
+    if task is None or task.images or task.sensors or task.client:
         reason = "a hub by itself sees no images and nothing that this computer senses"
         raise RunError(f"{reason}; export the policy of another task")
     return task

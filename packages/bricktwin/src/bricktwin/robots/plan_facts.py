@@ -129,7 +129,24 @@ def facts_of(design: PlannedRobot) -> PlanFacts:
             f"ports {first} and {second}: their motors turn one gear, and a twin has one motor for "
             "each, so that what is beyond it turns freely"
         )
+    lacks += _unread(design)
     return PlanFacts(hubs, motors, sensors, design.is_wired, lacks)
+
+
+def _unread(design: PlannedRobot) -> list[str]:
+    """What of a plan is left out."""
+    from bricktwin.plans.part import DeviceKind
+
+    lacks: list[str] = []
+    for unknown in design.plan.unknown:
+        lines = ", ".join(str(line) for line in unknown.lines)
+        lacks.append(
+            f"line {lines}: part {unknown.number} is not in the catalogue, so that what it holds "
+            "may be loose"
+        )
+    for hub in design.plan.devices(DeviceKind.HUB)[1:]:
+        lacks.append(f"line {hub.line}: {hub.name} is a second hub; only the first one counts")
+    return lacks
 
 
 def _device_facts(placed: Placed) -> DeviceFacts:

@@ -81,9 +81,9 @@ def spin(drawn: DrawnRobot) -> Task:
     without a drive base, or if nothing measures its turns."""
     base = _base(drawn)
     if not drawn.robot.needs_imu and not gyroscope_of(drawn.robot):
-        raise DescriptionError(
-            "nothing measures its turns; put the hub in straight, or add a gyro sensor"
-        )
+        has_imu = drawn.robot.hub.model.has_imu
+        remedy = "put the hub in straight" if has_imu else "add a gyro sensor"
+        raise DescriptionError(f"nothing measures its turns; {remedy}")
     return replace(
         SPINNING,
         id="Spin-v0",

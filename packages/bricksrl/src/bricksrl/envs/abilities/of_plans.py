@@ -17,6 +17,7 @@ from bricksrl.envs.abilities.walking import drive_ahead, walk
 from bricksrl.envs.task import Task
 from bricksrl.errors import DescriptionError, UnknownNameError, hint
 from bricktwin.robots.as_drawn import DrawnRobot, robot_as_drawn
+from bricktwin.twin.make_body import make_body
 
 ABILITIES = {
     ability.name: ability
@@ -93,7 +94,10 @@ class Offer:
 
 
 def offers(drawn: DrawnRobot) -> list[Offer]:
-    """All abilities, with the task of this robot or the reason why it has none."""
+    """All abilities, with the task of this robot or the reason why it has none. Raises TwinError if
+    the robot has no body, as where a motor is loose."""
+    # Whoever has no body learns nothing, whatever its motors turn.
+    make_body(drawn.robot)
     found: list[Offer] = []
     for ability in ABILITIES.values():
         try:
@@ -113,7 +117,7 @@ def ability_of(reference: str) -> Ability:
     if not name:
         raise UnknownNameError(
             f"{file} is a plan; name what its robot is to learn, such as {file}:walk ({known}): "
-            f"`bricksrl learn {quoted(file)}` says what it can"
+            f"`bricksrl learn {quoted(file)} --look` says what it can"
         )
     raise UnknownNameError(
         f"nothing that a robot learns is called '{name}'{hint(name, ABILITIES)}; choose {known}"
@@ -131,5 +135,5 @@ def task_of_plan(reference: str) -> Task:
     except DescriptionError as error:
         raise DescriptionError(
             f"{drawn.robot.name} cannot learn to {ability.sentence}: {error}; "
-            f"`bricksrl learn {quoted(file)}` says what it can"
+            f"`bricksrl learn {quoted(file)} --look` says what it can"
         ) from None

@@ -45,6 +45,11 @@ function starter(text, action, about) {
 }
 
 function start(action, about) {
+  // What was found in a drawing is shown where it was asked for.
+  if (action === "look") {
+    press(action, about);
+    return;
+  }
   awaited = { action, after: Math.max(0, ...(status.jobs ?? []).map(({ number }) => number)) };
   press(action, about);
   scrollTo(0, 0);
@@ -57,6 +62,10 @@ function showDrawings() {
     item.append(element("b", { textContent: name }));
     if (!found) {
       item.append(starter("What can it learn?", "look", name));
+      return;
+    }
+    if (found.error) {
+      item.append(element("small", { className: "found", role: "alert", textContent: found.error }));
       return;
     }
     const devices = [...found.motors.map(({ port, name, moves }) => `${port}  ${name} ${moves}`), ...found.sensors.map(({ port, name, looks }) => `${port}  ${name} looks ${looks || "askew"}`)];

@@ -25,8 +25,10 @@ def roles_of(plan: Plan, articulation: Articulation) -> dict[str, Role]:
     if articulation.wheels or articulation.is_fixed:
         return roles
     underside_m = _underside_m(plan, articulation)
+    stopped = {placed.port for placed in plan.parts if placed.stops_deg is not None}
     for drive in articulation.drives:
-        if _is_leg(plan, articulation, drive, underside_m):
+        # What has end stops turns back before it has made a step.
+        if drive.port not in stopped and _is_leg(plan, articulation, drive, underside_m):
             roles[drive.port] = Role.LEG
     return roles
 
@@ -65,13 +67,17 @@ def _is_leg(
     if _lowest_on_its_way_m(plan, articulation, drive) < underside_m - _ROUNDING_M:
         return True
     # The feet of a linkage do not turn about the motor's axis: where they are drawn has to do.
-    floor_m = np.inf
-    for body in range(len(articulation.bodies)):
-        floor_m = min(floor_m, _lowest_m(plan, articulation, body))
+    floor_m = lowest_point_m(plan, articulation)
     feet_m = np.inf
     for body in moved_by(articulation, drive):
         feet_m = min(feet_m, _lowest_m(plan, articulation, body))
     return feet_m < floor_m + _CRANK_M and feet_m < underside_m + _ROUNDING_M
+
+
+def lowest_point_m(plan: Plan, articulation: Articulation) -> float:
+    """Height of the robot's lowest point, as drawn."""
+    bodies = range(len(articulation.bodies))
+    return min(_lowest_m(plan, articulation, body) for body in bodies)
 
 
 def moved_by(articulation: Articulation, drive: Drive) -> set[int]:
