@@ -1,4 +1,4 @@
-"""Readings, end stops and start angles on a command line: what they are for, what suits a sensor."""
+"""Readings, end stops and start angles of a command line: what they are for, what suits them."""
 
 from __future__ import annotations
 
