@@ -307,3 +307,50 @@ def test_small_things_are_as_the_firmware_has_them(expression: str, answer: str)
         output(source + "except Exception as e:\n    print(repr(e).split('(')[0], e)").rstrip()
         == answer.rstrip()
     )
+
+
+@pytest.mark.parametrize(
+    ("value", "written"),
+    [
+        ("'ü☃'", '"ü☃"'),
+        ("b'ab'", '"ab"'),
+        ("{1: 'a'}", '{"1": "a"}'),
+        ("{None: ()}", '{"null": []}'),
+        ("[True, 0.5, -3]", "[true, 0.5, -3]"),
+        (r"'a\n\"\\'", r'"a\n\"\\"'),
+    ],
+)
+def test_json_is_written_as_by_a_hub(value: str, written: str) -> None:
+    """Letters beyond ASCII stay, a key is a text, bytes are one."""
+    printed = output(f"import ujson\nprint(ujson.dumps({value}))")
+    # A hub sends bytes, each of which is a letter here.
+    assert printed.encode("latin-1").decode() == written
+
+
+def test_json_goes_through_streams() -> None:
+    source = """
+import uio, ujson
+stream = uio.StringIO()
+ujson.dump({"a": [1, 2]}, stream, separators=(",", ":"))
+print(stream.getvalue())
+stream.seek(0)
+print(ujson.load(stream))
+"""
+    assert output(source).splitlines() == ['{"a":[1,2]}', "{'a': [1, 2]}"]
+
+
+def test_streams_have_a_place() -> None:
+    source = """
+import uio
+data = uio.BytesIO(b"abcdef")
+print(data.seek(2), data.read(2), data.seek(-1, 2), data.read(), data.seek(1), data.tell())
+print(data.write(b"XY"), data.getvalue(), data.read())
+text = uio.StringIO("one\\ntwo")
+print(repr(text.readline()), text.seek(0), text.read(), text.read())
+"""
+    assert output(source).splitlines() == [
+        "2 b'cd' 5 b'f' 1 1",
+        "2 b'aXYdef' b'def'",
+        "'one\\n' 0 one",
+        "two ",
+    ]
