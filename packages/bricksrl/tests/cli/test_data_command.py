@@ -21,7 +21,7 @@ def make(path: Path) -> Path:
 
 
 def test_datasets_runs_policies_and_logs_can_be_shared(tmp_path: Path) -> None:
-    make(tmp_path / "set" / FILES["description"])
+    make(tmp_path / "set" / FILES["info"])
     make(tmp_path / "run" / CONFIG)
     make(tmp_path / "policy" / POLICY)
     log = make(tmp_path / "log.jsonl")
