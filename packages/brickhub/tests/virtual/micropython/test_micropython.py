@@ -354,3 +354,35 @@ print(repr(text.readline()), text.seek(0), text.read(), text.read())
         "'one\\n' 0 one",
         "two ",
     ]
+
+
+def test_names_of_executed_text() -> None:
+    """In the program's own names, in one given dict, or in two: assignments go to the second."""
+    source = """
+exec("own = 1")
+print(own)
+names = {"a": 2}
+exec("b = a + 1", names)
+print(names["b"], "a" in names, "own" in names, "__name__" in names)
+exec("c = a + b", names, names)
+print(names["c"])
+inner = {}
+exec("d = a; a = 9", names, inner)
+print(inner["d"], inner["a"], names["a"], "d" in names)
+print(eval("a + x", {"a": 1}, {"x": 5}), eval("own + 1"))
+
+def function():
+    local = 7
+    exec("made = 8")
+    return made
+
+print(function(), made)
+"""
+    assert output(source).splitlines() == [
+        "1",
+        "3 True False False",
+        "5",
+        "2 9 2 False",
+        "6 2",
+        "8 8",
+    ]
