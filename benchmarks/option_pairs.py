@@ -193,7 +193,8 @@ def _disagreement(made: Path) -> str:
         return ""
     from bricksrl.data import load
 
-    rows, steps = list(csv.DictReader(metrics.open())), load(data)
+    rows = list(csv.DictReader(metrics.read_text(encoding="utf-8").splitlines()))
+    steps = load(data)
     if len(rows) != 2:
         return f"{len(rows)} episodes in place of 2"
     if int(rows[-1]["steps"]) != len(steps):
