@@ -19,7 +19,7 @@ import tempfile
 import time
 import traceback
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +28,7 @@ from benchmarks.session import Session
 Row = dict[str, str]
 """A value of each option."""
 Pair = frozenset[tuple[str, str]]
-"""Two options, each with a value."""
+"""Two options, each with a value; of what is refused also one, or more."""
 
 _TASK = '''"""Runs away, in short; in each process one link is lost."""
 
@@ -123,23 +123,28 @@ def all_pairs(options: Mapping[str, Sequence[str]]) -> set[Pair]:
     }
 
 
+def is_refused(row: Row, refused: set[Pair]) -> bool:
+    """Whether a row contains options that are refused together."""
+    return any(options <= row.items() for options in refused)
+
+
 def next_row(
     options: Mapping[str, Sequence[str]], left: set[Pair], refused: set[Pair], rng: random.Random
 ) -> Row | None:
-    """A row with as many as possible of the pairs that are left, and none that is refused; ``None``
-    if there is none."""
+    """A row with as many as possible of the pairs that are left, and nothing that is refused;
+    ``None`` if there is none."""
     best, most = None, 0
     order = sorted(left, key=sorted)
-    for first in rng.sample(order, min(len(order), 20)):
+    for first in rng.sample(order, min(len(order), 40)):
         row = dict(sorted(first))
         for name in rng.sample(list(options), len(options)):
             if name in row:
                 continue
             chances = []
             for place, value in enumerate(options[name]):
-                made = pairs_of({**row, name: value})
-                if not made & refused:
-                    chances.append((len(made & left), -place, value))
+                longer = {**row, name: value}
+                if not is_refused(longer, refused):
+                    chances.append((len(pairs_of(longer) & left), -place, value))
             if not chances:
                 break
             row[name] = max(chances)[2]
@@ -188,7 +193,8 @@ def _disagreement(made: Path) -> str:
         return ""
     from bricksrl.data import load
 
-    rows, steps = list(csv.DictReader(metrics.open())), load(data)
+    rows = list(csv.DictReader(metrics.read_text(encoding="utf-8").splitlines()))
+    steps = load(data)
     if len(rows) != 2:
         return f"{len(rows)} episodes in place of 2"
     if int(rows[-1]["steps"]) != len(steps):
@@ -243,54 +249,75 @@ def reduced(command: str, row: Row, code: int, count: Iterator[int], folder: Pat
     return {name: value for name, value in needed.items() if value != options[name][0]}
 
 
+def settle(
+    options: Mapping[str, Sequence[str]],
+    done: Mapping[str, Any],
+    left: set[Pair],
+    refused: set[Pair],
+) -> None:
+    """Take what a row showed out of the pairs that are left: all of its pairs if it ran, those that
+    contain what was refused if it was refused."""
+    row = {name: done["row"].get(name, values[0]) for name, values in options.items()}
+    if done["code"] != 2:
+        left -= pairs_of(row)
+        return
+    needed = frozenset(done["needed"].items())
+    # Three options or more that exclude one another leave each of their pairs to be tried.
+    refused.add(needed or frozenset(row.items()))
+    if needed:
+        left -= {pair for pair in left if needed <= pair}
+
+
 def cover(
     command: str,
     rows: int,
     minutes: float,
     rng: random.Random,
     folder: Path,
+    before: Sequence[Mapping[str, Any]] = (),
 ) -> dict[str, Any]:
-    """Run up to ``rows`` rows of a command's covering array, and begin none after ``minutes``."""
+    """Run up to ``rows`` rows of a command's covering array, with those of an earlier run,
+    ``before``, and begin none after ``minutes``."""
     limit_s = time.monotonic() + 60.0 * minutes
     options, count = OPTIONS[command], itertools.count()
     left, refused = all_pairs(options), set[Pair]()
-    total, done, alone = len(left), 0, list[Row]()
-    faults, reasons = list[dict[str, str]](), dict[str, str]()
-    while left and done < rows and time.monotonic() < limit_s:
+    total = len(left)
+    done = list(before)
+    for earlier in done:
+        settle(options, earlier, left, refused)
+    while left and len(done) < rows and time.monotonic() < limit_s:
         row = next_row(options, left, refused, rng)
         if row is None:
             break
-        done += 1
         made = folder / f"made-{next(count)}"
         words = words_of(command, row, made)
         outcome = run(words, made)
+        needed: Row = {}
+        if outcome.code == 2 or (outcome.fault and outcome.code == 1):
+            needed = reduced(command, row, outcome.code, count, folder)
         if outcome.fault:
-            needed = reduced(command, row, 1, count, folder) if outcome.code == 1 else row
-            faults.append({"words": " ".join(words), "needed": str(needed), "fault": outcome.fault})
             print(f"{command}: {' '.join(words)}: {outcome.fault}\n  needed: {needed}", flush=True)
-        if outcome.code != 2:
-            left -= pairs_of(row)
-            continue
-        needed = reduced(command, row, 2, count, folder)
-        gone = {
-            pair for pair in all_pairs(options) if len(needed) <= 2 and set(needed.items()) <= pair
-        }
-        if not gone:  # three options, or none that can be omitted: this row is not tried again
-            gone = pairs_of(row) & left
-            alone.append(needed)
-        reasons[" ".join(needed.values())] = outcome.said
-        refused |= gone if len(needed) <= 2 else set()
-        left -= gone
+        # Defaults are left out, and so is the folder of this run.
+        given = {name: value for name, value in row.items() if value != options[name][0]}
+        said = outcome.said.replace(f"{folder.parent}/", "")
+        done.append({"row": given, "needed": needed, **asdict(outcome), "said": said})
+        settle(options, done[-1], left, refused)
+    pairs_refused = {pair for pair in all_pairs(options) if any(one <= pair for one in refused)}
     return {
-        "pairs": total, "tried": total - len(left) - len(refused), "refused": len(refused),
-        "left": len(left), "rows": done,
-        "reasons": reasons, "faults": faults,
-    }  # fmt: skip
+        "pairs": total,
+        "tried": total - len(left) - len(pairs_refused),
+        "refused": len(pairs_refused),
+        "left": len(left),
+        "rows": len(done),
+        "reasons": {" ".join(one["needed"].values()): one["said"] for one in done if one["said"]},
+        "faults": [one for one in done if one["fault"]],
+        "done": done,
+    }
 
 
 def main(session: Session) -> int:
-    """Run the covering arrays, print faults, write the result after each command; those of commands
-    that are not run again stay."""
+    """Run the covering arrays, print faults, write the result after each command. Rows of an
+    earlier run are not run again, so that an interrupted one goes on."""
     args = session.parse(rows=200, minutes=60.0, seed=0, commands=list(OPTIONS))
     os.environ["MUJOCO_GL"] = "disable"
     known = session.known()
@@ -306,8 +333,10 @@ def main(session: Session) -> int:
             made = Path(root) / f"of-{command}"
             made.mkdir()
             with contextlib.chdir(root):
-                result[command] = cover(command, args.rows, args.minutes, rng, made)
-            print(f"{command}: {result[command]}", flush=True)
+                before = () if session.is_again else known.get(command, {}).get("done", ())
+                result[command] = cover(command, args.rows, args.minutes, rng, made, before)
+            shown = {name: value for name, value in result[command].items() if name != "done"}
+            print(f"{command}: {shown}", flush=True)
             if session.is_apart or args.rows == 200:
                 session.write({"seed": args.seed, **result})
     return 1 if any(result[command]["faults"] for command in args.commands) else 0

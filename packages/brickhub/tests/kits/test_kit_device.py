@@ -243,3 +243,22 @@ def test_acceleration_is_that_of_the_message(world: World) -> None:
         angles.append(world.report(world.single, "motor")[0]["position"])
         world.send(world.single, encode("stop", 1), ms=1000)
     assert angles[0] > 2 * angles[1] > 4 * angles[2]
+
+
+@pytest.mark.parametrize(
+    ("reading", "brightest"),
+    [
+        ("0,100,40", ["red"]),
+        ("120,100,40", ["green"]),
+        ("240,100,40", ["blue"]),
+        ("0,0,40", ["blue", "green", "red"]),
+    ],
+)
+def test_raw_light_has_eight_bits(reading: str, brightest: list[str]) -> None:
+    """Of something dark neither dark nor at its end, the color's own part most of all."""
+    world = World(f"D={reading}")
+    seen = world.report(world.color, "color")[0]
+    raw = {name: seen[name] for name in ("red", "green", "blue")}
+    most = max(raw.values())
+    assert 60 < most < 200
+    assert sorted(name for name, value in raw.items() if value > most / 2) == brightest

@@ -388,3 +388,16 @@ def test_fields_and_blocks_of_three_colors() -> None:
         near, far = (item for item in ours if isinstance(item, Block))
         assert near.at_mm[0] < far.at_mm[0] < field.at_mm[0]
         assert near.at_mm[1] == field.at_mm[1] == -far.at_mm[1]
+
+
+def test_each_corner_of_the_squares_has_its_color() -> None:
+    """The start is a corner of all of them."""
+    colors = {
+        item.at_mm: item.color for item in courses.squares().objects if isinstance(item, Field)
+    }
+    assert colors.pop((0.0, 0.0)) == "green"
+    for side_mm in (400.0, courses.SQUARE_MM, 1200.0):
+        assert colors.pop((side_mm, 0.0)) == "red"
+        assert colors.pop((side_mm, side_mm)) == "yellow"
+        assert colors.pop((0.0, side_mm)) == "blue"
+    assert not colors

@@ -307,3 +307,82 @@ def test_small_things_are_as_the_firmware_has_them(expression: str, answer: str)
         output(source + "except Exception as e:\n    print(repr(e).split('(')[0], e)").rstrip()
         == answer.rstrip()
     )
+
+
+@pytest.mark.parametrize(
+    ("value", "written"),
+    [
+        ("'ü☃'", '"ü☃"'),
+        ("b'ab'", '"ab"'),
+        ("{1: 'a'}", '{"1": "a"}'),
+        ("{None: ()}", '{"null": []}'),
+        ("[True, 0.5, -3]", "[true, 0.5, -3]"),
+        (r"'a\n\"\\'", r'"a\n\"\\"'),
+    ],
+)
+def test_json_is_written_as_by_a_hub(value: str, written: str) -> None:
+    """Letters beyond ASCII stay, a key is a text, bytes are one."""
+    printed = output(f"import ujson\nprint(ujson.dumps({value}))")
+    # A hub sends bytes, each of which is a letter here.
+    assert printed.encode("latin-1").decode() == written
+
+
+def test_json_goes_through_streams() -> None:
+    source = """
+import uio, ujson
+stream = uio.StringIO()
+ujson.dump({"a": [1, 2]}, stream, separators=(",", ":"))
+print(stream.getvalue())
+stream.seek(0)
+print(ujson.load(stream))
+"""
+    assert output(source).splitlines() == ['{"a":[1,2]}', "{'a': [1, 2]}"]
+
+
+def test_streams_have_a_place() -> None:
+    source = """
+import uio
+data = uio.BytesIO(b"abcdef")
+print(data.seek(2), data.read(2), data.seek(-1, 2), data.read(), data.seek(1), data.tell())
+print(data.write(b"XY"), data.getvalue(), data.read())
+text = uio.StringIO("one\\ntwo")
+print(repr(text.readline()), text.seek(0), text.read(), text.read())
+"""
+    assert output(source).splitlines() == [
+        "2 b'cd' 5 b'f' 1 1",
+        "2 b'aXYdef' b'def'",
+        "'one\\n' 0 one",
+        "two ",
+    ]
+
+
+def test_names_of_executed_text() -> None:
+    """In the program's own names, in one given dict, or in two: assignments go to the second."""
+    source = """
+exec("own = 1")
+print(own)
+names = {"a": 2}
+exec("b = a + 1", names)
+print(names["b"], "a" in names, "own" in names, "__name__" in names)
+exec("c = a + b", names, names)
+print(names["c"])
+inner = {}
+exec("d = a; a = 9", names, inner)
+print(inner["d"], inner["a"], names["a"], "d" in names)
+print(eval("a + x", {"a": 1}, {"x": 5}), eval("own + 1"))
+
+def function():
+    local = 7
+    exec("made = 8")
+    return made
+
+print(function(), made)
+"""
+    assert output(source).splitlines() == [
+        "1",
+        "3 True False False",
+        "5",
+        "2 9 2 False",
+        "6 2",
+        "8 8",
+    ]
