@@ -10,7 +10,8 @@ from bricksrl.training import RunFolder
 from bricktwin.robots import plans
 
 PLANS = Path(plans.__path__[0])
-SIX_LEGS = Path(__file__).parents[4] / "examples" / "15_six_legs.ldr"
+EXAMPLES = Path(__file__).parents[4] / "examples"
+SIX_LEGS = EXAMPLES / "15_six_legs.ldr"
 
 
 def test_look_says_what_each_device_is_and_what_can_be_learned(bricksrl):
@@ -75,9 +76,10 @@ def test_robot_that_tips_over_is_told_why_before_it_learns(bricksrl, tmp_path):
 
 
 def test_wheels_that_do_not_reach_the_floor_are_told(bricksrl, tmp_path):
-    text = (PLANS / "two_wheeler.ldr").read_text(encoding="utf-8")
+    # With smaller wheels it stands on its caster and its color sensor.
+    text = (EXAMPLES / "drawings" / "rover.ldr").read_text(encoding="utf-8")
     path = tmp_path / "small.ldr"
-    path.write_text(text.replace(" 39367p02.dat", " 56145c01.dat"), encoding="utf-8")
+    path.write_text(text.replace(" 49295p02.dat", " 39367p02.dat"), encoding="utf-8")
     done = bricksrl("learn", str(path), "--look", "--json")
-    notes = json.loads(done.stdout)["notes"]
-    assert any("its driven wheels do not touch the floor" in note for note in notes)
+    (note,) = json.loads(done.stdout)["notes"]
+    assert "its driven wheels do not touch the floor" in note

@@ -64,7 +64,7 @@ def test_an_episode_depends_on_its_seed_only(streaming: bool) -> None:
 def test_unknown_and_superfluous_links_are_told() -> None:
     with pytest.raises(UnknownNameError, match="no link 'windows'; choose mac, linux, bad-room"):
         EnvOptions(link="windows")
-    with pytest.raises(DescriptionError, match="omit realtime, physics, link and fault"):
+    with pytest.raises(DescriptionError, match="omit realtime, physics, link, scene and fault"):
         bricksrl.make("Walker-v0", hub="ble", link="mac")
     with pytest.raises(DescriptionError, match="simulated without a robot"):
         bricksrl.make("WalkerSim-v0", link="mac")
