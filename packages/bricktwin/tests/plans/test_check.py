@@ -204,3 +204,9 @@ BRICK = "1 15 0 0 0 1 0 0 0 1 0 0 0 1 95646.dat"
 def test_a_plug_that_does_not_fit_its_port(port, motor, said):
     lines = (BRICK, f"0 !BRICKSRL PORT {port} left", f"1 15 0 300 0 1 0 0 0 1 0 0 0 1 {motor}.dat")
     assert any(said in str(one) for one in findings_of(plan_of(*lines)))
+
+
+def test_a_line_of_any_length_is_named_in_short(findings):
+    (found,) = findings("1 1 " + "2 " * 10_000)
+    assert found.name == "unknown part"
+    assert len(found.detail) < 250

@@ -21,6 +21,8 @@ MAX_PARTS = 10_000
 """Largest number of parts and sub-models that lines place."""
 MAX_DEPTH = 16
 """Largest number of sub-models inside of each other."""
+_LONGEST_NUMBER = 60
+"""Letters of an unknown part that messages show."""
 _MAIN_COLOUR = 16
 """LDraw's code of the colour that a model gets where it is placed."""
 _STRETCHED = "'{}' is stretched; place it without scaling"
@@ -220,7 +222,9 @@ def make_plan(document: Document, path: Path | None = None) -> Plan:
     builder.build(document.main, at_origin, ())
     builder.join_pieces()
     unknown = []
-    for number, references in sorted(builder.unknown.items()):
+    for name, references in sorted(builder.unknown.items()):
+        # A file that is no plan has lines of any length, which messages must not repeat.
+        number = name if len(name) <= _LONGEST_NUMBER else f"{name[:_LONGEST_NUMBER]}..."
         lines = tuple(reference.line for reference in references)
         offsets = np.array([reference.offset for reference in references])
         unknown.append(Unknown(number, lines, offsets))

@@ -45,6 +45,13 @@ def test_camera_follows_with_metre_labels() -> None:
     assert "1 m" in [text for _, _, text in room.metre_marks(*SIZE)]
 
 
+def test_camera_keeps_a_fast_robot_in_its_picture() -> None:
+    _, room = drawn(WALKER)
+    room._body.data.qpos[0] += 3.0
+    room.follow()
+    assert abs(room.camera.lookat[0] - 3.0) < 0.2
+
+
 def test_ghost_is_at_goal() -> None:
     plain, _ = drawn(ROBO_ARM)
     ghost, _ = drawn(ROBO_ARM, Goal({"rotation": 90.0, "low": 60.0, "high": -90.0, "grab": -100.0}))

@@ -119,6 +119,8 @@ _PAINT_M = 0.0002
 _WALL = (0.90, 0.90, 0.87, 1.0)
 _BOARD = (0.97, 0.97, 0.96, 1.0)
 _GHOST = (0.10, 0.62, 0.25, 0.30)
+_MOST_AWAY_M = 0.12
+"""Farthest that the camera may look past the robot."""
 _LAG = 0.06
 """Share of the distance to the robot by which the camera's target moves per image."""
 
@@ -178,7 +180,12 @@ class Room:
         """Move the camera's target towards the robot, or the middle between it and the place where
         it is to go, smoothly."""
         away_m = np.array(self._robot()) - self._target
-        self._target += _LAG * away_m
+        distance_m = float(np.linalg.norm(away_m))
+        # A share alone would let a fast robot leave the picture.
+        share = _LAG
+        if distance_m > _MOST_AWAY_M:
+            share = max(_LAG, 1.0 - _MOST_AWAY_M / distance_m)
+        self._target += share * away_m
         self.camera.lookat[:] = self._target
 
     def _robot(self) -> tuple[float, float, float]:
