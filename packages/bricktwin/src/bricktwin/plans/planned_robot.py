@@ -19,6 +19,7 @@ from bricktwin.plans.geometry import M_PER_LDU, Floats, rotation
 from bricktwin.plans.ldraw_text import sources_of, unread
 from bricktwin.plans.mechanism.articulation import Articulation, Drive, articulation
 from bricktwin.plans.mechanism.kinematics import TO_TWIN, Train, Wheel, mechanism, trains
+from bricktwin.plans.mechanism.open_gears import open_gears, turns_with
 from bricktwin.plans.part import DeviceKind
 from bricktwin.plans.plan import Placed, Plan, read_plan
 from bricktwin.plans.wiring import wired
@@ -49,8 +50,8 @@ class PlannedRobot:
         """The motors that drive wheels, with the leftmost of each motor's wheels."""
         rolling = []
         for drive in self.articulation.drives:
-            driven_body = drive.joint.child
-            wheels = [wheel for wheel in self.articulation.wheels if wheel.link == driven_body]
+            driven = {drive.joint.child, *turns_with(self.articulation.couplings, drive.joint.child)}
+            wheels = [wheel for wheel in self.articulation.wheels if wheel.link in driven]
             if wheels:
                 leftmost = max(wheels, key=lambda wheel: float(wheel.centre_m[1]))
                 rolling.append((drive, leftmost))
@@ -100,11 +101,12 @@ def planned(plan: Plan) -> PlannedRobot:
         ports.add(placed.port)
     bodies = find_bodies(plan.parts, connections(plan.parts), meshes(plan.parts))
     robot_mechanism = mechanism(plan, bodies)
-    gear_trains = trains(robot_mechanism, plan.path)
+    opened = open_gears(robot_mechanism)
+    gear_trains = trains(robot_mechanism, plan.path, opened.links)
     return PlannedRobot(
         plan,
         gear_trains,
-        articulation(robot_mechanism, gear_trains),
+        articulation(robot_mechanism, gear_trains, opened),
         geared_together=tuple(_geared_together(plan, bodies)),
     )
 
@@ -169,7 +171,8 @@ def stops_deg(planned: PlannedRobot, port: str) -> tuple[float, float] | None:
     drive = next(drive for drive in articulation.drives if drive.port == port)
     carried = carried_by(articulation, drive)
     has_wheels = any(wheel.link in carried for wheel in articulation.wheels)
-    if articulation.rods or articulation.loops or has_wheels:
+    is_coupled = bool(turns_with(articulation.couplings, drive.joint.child))
+    if articulation.rods or articulation.loops or has_wheels or is_coupled:
         return None
     start = planned.device(port).angle_deg
     turn = 360.0 * abs(drive.gear)

@@ -21,6 +21,7 @@ from bricktwin.plans.mechanism.kinematics import (
     merged,
     share_axis,
 )
+from bricktwin.plans.mechanism.open_gears import Coupling, OpenGears, couplings_of, way_to
 
 _BALANCED_KG_M = 1.2e-5
 """Largest imbalance of a shaft that becomes visual: 12 g, 1 mm off its axis, which is a torque of
@@ -92,6 +93,7 @@ class Articulation:
         is_fixed: whether the base is fixed.
         swings: joints without a motor.
         loops: joints between bodies that are already connected.
+        couplings: constraints of open gears on joints.
         wheels: as in the mechanism; their ``link`` is the index of a body, as those of the hinges
             are.
     """
@@ -105,6 +107,7 @@ class Articulation:
     followers: tuple[Follower, ...]
     rods: tuple[Rod, ...]
     wheels: tuple[Wheel, ...]
+    couplings: tuple[Coupling, ...] = ()
 
     def body_of(self, part: int) -> int | None:
         """Index of the body with a part; ``None`` for a rod, or a part that is not connected."""
@@ -124,9 +127,13 @@ class Articulation:
         return sorted(joints, key=lambda joint: joint.child)
 
 
-def articulation(mechanism: Mechanism, trains: tuple[Train, ...]) -> Articulation:
-    """The articulation of a mechanism and its gear trains."""
-    simplifier = _Simplifier(mechanism, trains)
+def articulation(
+    mechanism: Mechanism,
+    trains: tuple[Train, ...],
+    opened: OpenGears,
+) -> Articulation:
+    """The articulation of a mechanism, its gear trains and its open gears."""
+    simplifier = _Simplifier(mechanism, trains, opened)
     simplifier.make_followers()
     simplifier.merge_shafts()
     simplifier.find_rods()
@@ -140,9 +147,11 @@ class _Simplifier:
         self,
         mechanism: Mechanism,
         trains: tuple[Train, ...],
+        opened: OpenGears,
     ) -> None:
         self.mechanism = mechanism
         self.trains = trains
+        self.opened = opened
         self.merged_into = np.arange(len(mechanism.links))
         """For each link, the one that it has been merged into, or itself."""
         self.hinges = dict(enumerate(mechanism.hinges))
@@ -154,6 +163,8 @@ class _Simplifier:
         # because the twin gives them contacts and senses.
         self.preserved = {wheel.link for wheel in mechanism.wheels} | set(mechanism.devices)
         self.preserved.add(mechanism.fixed or 0)
+        # An open gear turns as no motor does, so it needs a joint.
+        self.preserved |= opened.links
 
     def _merge(
         self,
@@ -361,17 +372,21 @@ class _Simplifier:
             )
             for link, first, second in self.rods
         )
-        return Articulation(
+        swings = tuple(joints[number] for number in tree if number not in self.coupled)
+        made = Articulation(
             bodies=self._bodies(len(order), body_of, rods),
             is_fixed=mechanism.fixed is not None,
             drives=tuple(drives),
             geared=tuple(geared),
-            swings=tuple(joints[number] for number in tree if number not in self.coupled),
+            swings=swings,
             loops=tuple(joints[number] for number in loops),
             followers=tuple(followers),
             rods=rods,
             wheels=tuple(replace(wheel, link=body_of[wheel.link]) for wheel in mechanism.wheels),
         )
+        if not self.opened.meshes:
+            return made
+        return _coupled(made, self.opened, body_of)
 
     def _tree(self, base: int) -> tuple[list[int], list[int], list[int]]:
         """The links from the first body on, parents first; the hinges of their tree, each with the
@@ -381,6 +396,10 @@ class _Simplifier:
         # A motor can only turn a joint of the tree, because what closes a loop is a constraint. So
         # geared hinges are taken into the tree first.
         remaining = sorted(self.hinges, key=lambda number: number not in self.coupled)
+        if self.opened.meshes:
+            # A wheel of a differential hangs on the chassis, not on the other wheel's axle.
+            nearness = self._nearness(base)
+            remaining.sort(key=lambda number: (number not in self.coupled, nearness[number]))
         while remaining:
             number = self._next_hinge(remaining, order)
             if number is None:
@@ -394,6 +413,18 @@ class _Simplifier:
             number for number in remaining if set(self._ends(self.hinges[number])) <= set(order)
         ]
         return order, tree, loops
+
+    def _nearness(self, base: int) -> dict[int, int]:
+        """How many hinges are between the first body and each hinge, by the fewest."""
+        near = {base}
+        nearness: dict[int, int] = {}
+        for distance in range(len(self.hinges)):
+            for number, hinge in self.hinges.items():
+                if number not in nearness and near & set(self._ends(hinge)):
+                    nearness[number] = distance
+            near.update(end for number in nearness for end in self._ends(self.hinges[number]))
+        # What is not connected to the first body comes last.
+        return {number: nearness.get(number, len(self.hinges)) for number in self.hinges}
 
     def _next_hinge(
         self,
@@ -423,6 +454,31 @@ class _Simplifier:
             for number, point_m in ((rod.near, rod.near_m), (rod.far, rod.far_m)):
                 pieces[number].append(Link((), half_kg, point_m, np.zeros((3, 3))))
         return tuple(merged(body_pieces) for body_pieces in pieces)
+
+
+def _coupled(
+    made: Articulation,
+    opened: OpenGears,
+    body_of: dict[int, int],
+) -> Articulation:
+    """An articulation with the couplings of its open gears."""
+    joints = made.joints
+    joint_of = {joint.child: joint for joint in joints}
+    bodies = {body_of[link] for link in opened.links if link in body_of}
+
+    def is_redundant(loop: Hinge) -> bool:
+        # An axle in a differential and in a beam is held twice on one line.
+        ends = {loop.parent, loop.child}
+        ways = [set(way_to(joint_of, end)) for end in ends]
+        between = set.symmetric_difference(*ways)
+        is_coaxial = all(share_axis(loop, joint_of[body]) for body in between)
+        return is_coaxial and not ends.isdisjoint(bodies)
+
+    return replace(
+        made,
+        loops=tuple(loop for loop in made.loops if not is_redundant(loop)),
+        couplings=couplings_of(joints, opened.meshes, body_of),
+    )
 
 
 def _joint(hinge: Hinge, body_of: dict[int, int]) -> Hinge:

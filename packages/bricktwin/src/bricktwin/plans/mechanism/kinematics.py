@@ -8,6 +8,7 @@ origin is the plan's.
 import functools
 import math
 from collections import Counter, defaultdict
+from collections.abc import Container
 from dataclasses import dataclass
 
 import numpy as np
@@ -386,9 +387,14 @@ class Train:
         return before // shared, after // shared
 
 
-def trains(mechanism: Mechanism, path: str) -> tuple[Train, ...]:
-    """The train of each motor, in the order of the mechanism's ports. Raises PlanError if two
-    motors drive the same thing, or a gear drives a rack."""
+def trains(
+    mechanism: Mechanism,
+    path: str,
+    open_links: Container[int] = (),
+) -> tuple[Train, ...]:
+    """The train of each motor, in the order of the mechanism's ports; that of a motor with open
+    gears, whose links are given, ends at its shaft. Raises PlanError if two motors drive the same
+    thing, or a gear drives a rack."""
     neighbours: dict[int, list[tuple[int, int, int]]] = defaultdict(list)
     for link, other, mesh in mechanism.meshes:
         gear, other_gear = mesh.gears
@@ -397,6 +403,8 @@ def trains(mechanism: Mechanism, path: str) -> tuple[Train, ...]:
                 f"{path}: a gear drives a rack; sliding parts have no twin, so drive a "
                 "rotating part"
             )
+        if link in open_links or other in open_links:
+            continue
         neighbours[link].append((other, gear.teeth, other_gear.teeth))
         neighbours[other].append((link, other_gear.teeth, gear.teeth))
     result: list[Train] = []

@@ -163,6 +163,9 @@ def _groups(articulation: Articulation) -> list[list[int]]:
     driven = {drive.port: drive.joint.child for drive in articulation.drives}
     for geared in articulation.geared:
         edges.append((driven[geared.port], geared.joint.child))
+    for coupling in articulation.couplings:
+        first, *others = (body for body, _ in coupling.coefficients)
+        edges += [(first, other) for other in others]
     # The chassis joins all of them, and none.
     neighbours = graph_of(edge for edge in edges if 0 not in edge)
     groups: list[list[int]] = []

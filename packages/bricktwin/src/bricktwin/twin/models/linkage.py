@@ -10,7 +10,13 @@ import numpy as np
 from bricktwin.plans.geometry import Floats, triple
 from bricktwin.plans.mechanism.articulation import Articulation
 from bricktwin.twin.engines.mujoco_engine import MujocoEngine
-from bricktwin.twin.models.turning import add_coupling, add_loop, add_rod, add_spinner
+from bricktwin.twin.models.turning import (
+    add_coupling,
+    add_gears,
+    add_loop,
+    add_rod,
+    add_spinner,
+)
 from bricktwin.twin.models.turning_parts import TurningParts
 
 _TURN_RAD = 0.25
@@ -187,6 +193,7 @@ def _add_linkage(spec: mujoco.MjSpec, made: Articulation) -> dict[int, mujoco.Mj
     drives = {drive.joint: f"motor_{drive.port}" for drive in made.drives}
     bodies = [spec.worldbody.add_body(name="body_0")]
     origins_m = [np.zeros(3)]
+    names: dict[int, str] = {}
     for joint in made.joints:
         parent = bodies[joint.parent]
         at_m = joint.point_m - origins_m[joint.parent]
@@ -204,6 +211,7 @@ def _add_linkage(spec: mujoco.MjSpec, made: Articulation) -> dict[int, mujoco.Mj
                 type=mujoco.mjtJoint.mjJNT_HINGE,
                 axis=axis,
             )
+            names[joint.child] = name
         bodies.append(body)
         origins_m.append(joint.point_m)
 
@@ -214,6 +222,9 @@ def _add_linkage(spec: mujoco.MjSpec, made: Articulation) -> dict[int, mujoco.Mj
             "",
             f"joint_{geared.joint.child}_0",
         )
+    for number, coupling in enumerate(made.couplings):
+        joints = [(names[body], coefficient) for body, coefficient in coupling.coefficients]
+        add_gears(spec, f"gears_{number}", joints)
     for loop in made.loops:
         pin_m = triple(loop.point_m - origins_m[loop.parent])
         add_loop(

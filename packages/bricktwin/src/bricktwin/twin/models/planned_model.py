@@ -29,7 +29,13 @@ from bricktwin.twin.models import mjcf
 from bricktwin.twin.models.balance import standing_shapes
 from bricktwin.twin.models.feet import Shape
 from bricktwin.twin.models.mounts import add_hub_site, add_sensor_site, mount_sensor
-from bricktwin.twin.models.turning import add_coupling, add_loop, add_rod, add_spinner
+from bricktwin.twin.models.turning import (
+    add_coupling,
+    add_gears,
+    add_loop,
+    add_rod,
+    add_spinner,
+)
 from bricktwin.twin.scene import Scene
 
 _ROTOR_KG = 1e-4
@@ -138,6 +144,8 @@ class _Builder:
             raise TwinError(f"{planned.plan.path}, line {placed.line}: {fault}")
         self.bodies: dict[int, mujoco.MjsBody] = {}
         self.origins: dict[int, Floats] = {0: self._origin()}
+        self.turning: dict[int, list[mujoco.MjsJoint]] = {}
+        """Joints about one axis that turn each body."""
         self.casters = _casters(planned)
         self.feet = standing_shapes(planned)
         self.tyres = self._tyres()
@@ -161,6 +169,7 @@ class _Builder:
                 self._add_passive(joint)
         # Couplings, rods and loops hold between bodies, so all bodies come before them.
         self._couple()
+        self._add_open_gears()
         self._add_rods()
         for number, loop in enumerate(self.articulation.loops):
             add_loop(
@@ -319,6 +328,8 @@ class _Builder:
             (x, y, z),
             is_heavy=is_heavy,
         )
+        # The backlash turns what is driven, too.
+        self.turning[joint.child] = [shaft, *body.joints]
         self._register(joint, body)
 
     def _add_passive(self, joint: Hinge) -> None:
@@ -331,13 +342,14 @@ class _Builder:
         kind = mujoco.mjtJoint.mjJNT_HINGE
         if joint.is_ball:
             kind = mujoco.mjtJoint.mjJNT_BALL
-        body.add_joint(
+        turn = body.add_joint(
             name=f"turn_{joint.child}",
             type=kind,
             axis=joint.axis.tolist(),
             damping=2e-4,
             armature=1e-6,
         )
+        self.turning[joint.child] = [turn]
         self._register(joint, body)
 
     def _register(
@@ -416,6 +428,14 @@ class _Builder:
             angle = geared.ratio * math.radians(turned_deg) / drive.gear
             body = self.bodies[joint.child]
             body.quat = mjcf.quaternion(joint.axis, angle)
+
+    def _add_open_gears(self) -> None:
+        """Couple the joints of open gears."""
+        for number, coupling in enumerate(self.articulation.couplings):
+            joints: list[tuple[str, float]] = []
+            for body, coefficient in coupling.coefficients:
+                joints += [(joint.name, coefficient) for joint in self.turning[body]]
+            add_gears(self.spec, f"gears_{number}", joints)
 
     def _add_rods(self) -> None:
         """Add all rods, named after the port of a motor at one of their ends."""

@@ -6,6 +6,8 @@ body with two joints, one of which closes a loop. It is drawn as a massless body
 and turned towards the other before rendering.
 """
 
+from collections.abc import Iterable
+
 import mujoco
 
 from bricktwin.plans.geometry import Triple
@@ -40,15 +42,7 @@ def add_rod(
             group=SHAPE_GROUP,
         )
         tendon.wrap_site(site.name)
-    constraint = spec.add_equality(
-        name=name,
-        type=mujoco.mjtEq.mjEQ_TENDON,
-        objtype=mujoco.mjtObj.mjOBJ_TENDON,
-    )
-    constraint.name1 = name
-    # With zeros as its polynomial, the tendon keeps the length of the initial configuration.
-    constraint.data[:5] = 0.0
-    _stiffen(spec, constraint)
+    _keep_length(spec, name)
     near_body, near_pin = near
     body: mujoco.MjsBody = near_body.add_body(name=name, pos=list(near_pin))
     return body
@@ -96,6 +90,19 @@ def add_coupling(
         _stiffen(spec, constraint)
 
 
+def add_gears(
+    spec: mujoco.MjSpec,
+    name: str,
+    joints: Iterable[tuple[str, float]],
+) -> None:
+    """Keep the sum of the angles of joints, each times its coefficient, as it initially is."""
+    # A tendon over joints has that sum as its length.
+    tendon = spec.add_tendon(name=name, group=SHAPE_GROUP)
+    for joint, coefficient in joints:
+        tendon.wrap_joint(joint, coefficient)
+    _keep_length(spec, name)
+
+
 def add_loop(
     spec: mujoco.MjSpec,
     name: str,
@@ -112,6 +119,19 @@ def add_loop(
     constraint.name1 = body.name
     constraint.name2 = other.name
     constraint.data[:3] = at_m
+    _stiffen(spec, constraint)
+
+
+def _keep_length(spec: mujoco.MjSpec, tendon: str) -> None:
+    """Keep a tendon at its initial length."""
+    constraint = spec.add_equality(
+        name=tendon,
+        type=mujoco.mjtEq.mjEQ_TENDON,
+        objtype=mujoco.mjtObj.mjOBJ_TENDON,
+    )
+    constraint.name1 = tendon
+    # With zeros as its polynomial, the tendon keeps the length of the initial configuration.
+    constraint.data[:5] = 0.0
     _stiffen(spec, constraint)
 
 

@@ -1,0 +1,208 @@
+"""Open gears: those whose turns no single motor decides, because a differential shares them or
+several motors turn them.
+
+Each of their meshes is a constraint on several joints of the articulation, where that of an
+ordinary pair is a ratio of two.
+"""
+
+from collections import defaultdict
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from bricktwin.plans.connections import Mesh, graph_of, reached
+from bricktwin.plans.geometry import M_PER_LDU, Floats
+from bricktwin.plans.mechanism.kinematics import TO_TWIN, Hinge, Mechanism, share_axis
+
+_LEAST_SHARE = 0.005
+"""Least share of a joint in a mesh, of the largest one. A worm has a fortieth; less is an error of
+drawing."""
+_LEAST_TURN = 1e-3
+"""Turns of a joint for a turn of a motor that count as none."""
+
+OpenMesh = tuple[int, int, Mesh]
+"""Two links, and the mesh of their gears."""
+
+
+@dataclass(frozen=True, eq=False)
+class OpenGears:
+    """The open gears of a mechanism.
+
+    Attributes:
+        meshes: pairs of links with their gears that mesh.
+        links: the links of these gears, and those that carry them.
+    """
+
+    meshes: tuple[OpenMesh, ...] = ()
+    links: frozenset[int] = frozenset()
+
+
+@dataclass(frozen=True)
+class Coupling:
+    """A constraint on joints: the sum of their angles, each times its coefficient, stays as it is.
+
+    Attributes:
+        coefficients: of joints, by the bodies that they turn; the largest is 1 or -1.
+    """
+
+    coefficients: tuple[tuple[int, float], ...]
+
+
+def open_gears(mechanism: Mechanism) -> OpenGears:
+    """The open gears of a mechanism: of each group of links whose gears mesh, all or none."""
+    root = mechanism.fixed or 0
+    ways = _ways(mechanism.hinges, root)
+    edges: list[tuple[int, int]] = []
+    planetary: set[int] = set()
+    meshes = [row for row in mechanism.meshes if row[0] != row[1]]
+    for first, second, mesh in meshes:
+        if first not in ways or second not in ways:
+            continue
+        # The root turns nothing, so gears that mesh with it are no group.
+        if root not in (first, second):
+            edges.append((first, second))
+        carriers = _carriers(mechanism.hinges, mesh, ways[first], ways[second])
+        if carriers:
+            # What carries a gear that rolls around another one is geared with both.
+            members = sorted({first, second, *carriers} - {root})
+            edges += [(members[0], other) for other in members]
+            planetary.update(members)
+    neighbours = graph_of(edges)
+    rotors = {
+        hinge.child if hinge.turns_child else hinge.parent
+        for hinge in mechanism.hinges
+        if hinge.port is not None
+    }
+    links: set[int] = set()
+    for link in neighbours:
+        group = reached([link], neighbours)
+        if group & planetary or len(group & rotors) > 1:
+            links |= group
+    is_open = [first in links or second in links for first, second, _ in meshes]
+    found = tuple(row for row, opens in zip(meshes, is_open, strict=True) if opens)
+    return OpenGears(found, frozenset(links))
+
+
+def _ways(hinges: Sequence[Hinge], root: int) -> dict[int, tuple[int, ...]]:
+    """Hinges on the way from the root to each link, by the fewest."""
+    hinges_of: dict[int, list[int]] = defaultdict(list)
+    for number, hinge in enumerate(hinges):
+        hinges_of[hinge.parent].append(number)
+        hinges_of[hinge.child].append(number)
+    ways: dict[int, tuple[int, ...]] = {root: ()}
+    queue = [root]
+    while queue:
+        link = queue.pop(0)
+        for number in hinges_of[link]:
+            hinge = hinges[number]
+            other = hinge.child if hinge.parent == link else hinge.parent
+            if other not in ways:
+                ways[other] = (*ways[link], number)
+                queue.append(other)
+    return ways
+
+
+def _carriers(
+    hinges: Sequence[Hinge],
+    mesh: Mesh,
+    way: Sequence[int],
+    other_way: Sequence[int],
+) -> set[int]:
+    """The links on the ways to two gears, if one of these rolls around the other; else none."""
+    axes = 0
+    carriers: set[int] = set()
+    for row, numbers in zip(mesh.motion, _apart(way, other_way), strict=True):
+        turning = [hinges[number] for number in numbers]
+        # No twin of ours rolls a gear on what hangs on a ball.
+        if any(hinge.is_ball for hinge in turning):
+            return set()
+        turning = [hinge for hinge in turning if abs(row @ _twist(hinge)) > _LEAST_TURN]
+        # A gear that is loose on a loose axle has two joints about one axis.
+        others = [
+            hinge
+            for index, hinge in enumerate(turning)
+            if not any(share_axis(hinge, earlier) for earlier in turning[:index])
+        ]
+        axes += len(others)
+        carriers.update(link for hinge in turning for link in (hinge.parent, hinge.child))
+    return carriers if axes > 2 else set()
+
+
+def _apart(way: Sequence[int], other_way: Sequence[int]) -> tuple[list[int], list[int]]:
+    """What is on one of two ways only: what both have in common moves no gear against another."""
+    first = [number for number in way if number not in other_way]
+    second = [number for number in other_way if number not in way]
+    return first, second
+
+
+def _twist(hinge: Hinge) -> Floats:
+    """Rates [6] of what a hinge turns about its axis, in a plan's frame and LDU: linear at the
+    plan's origin, then angular."""
+    axis = TO_TWIN.T @ hinge.axis
+    point = TO_TWIN.T @ hinge.point_m / M_PER_LDU
+    return np.concatenate([np.cross(point, axis), axis])
+
+
+def couplings_of(
+    joints: Sequence[Hinge],
+    meshes: Iterable[OpenMesh],
+    body_of: Mapping[int, int],
+) -> tuple[Coupling, ...]:
+    """The couplings that open meshes are for the joints of a tree, of which each turns the body
+    that is its child.
+
+    Args:
+        body_of: the body of each link; meshes of links without one are left out.
+    """
+    joint_of = {joint.child: joint for joint in joints}
+    couplings: list[Coupling] = []
+    for first, second, mesh in meshes:
+        if first not in body_of or second not in body_of:
+            continue
+        way = way_to(joint_of, body_of[first])
+        other_way = way_to(joint_of, body_of[second])
+        coefficients: dict[int, float] = {}
+        for row, bodies in zip(mesh.motion, _apart(way, other_way), strict=True):
+            for body in bodies:
+                coefficients[body] = float(row @ _twist(joint_of[body]))
+        largest = max(map(abs, coefficients.values()), default=0.0)
+        has_ball = any(joint_of[body].is_ball for body in coefficients)
+        if has_ball or largest == 0.0:
+            continue
+        shares = [(body, round(value / largest, 6)) for body, value in coefficients.items()]
+        turned = [(body, share) for body, share in shares if abs(share) > _LEAST_SHARE]
+        couplings.append(Coupling(tuple(turned)))
+    return tuple(couplings)
+
+
+def way_to(joint_of: Mapping[int, Hinge], body: int) -> list[int]:
+    """The bodies whose joints move a body of a tree: itself and all that carry it but the root."""
+    way: list[int] = []
+    while body in joint_of:
+        way.append(body)
+        body = joint_of[body].parent
+    return way
+
+
+def turns_with(couplings: Sequence[Coupling], body: int) -> dict[int, float]:
+    """Turns of joints, by their bodies, when that of one body turns once: the least ones that the
+    couplings allow. Empty for a joint that no coupling has, or that they lock."""
+    coupled = {other for coupling in couplings for other, _ in coupling.coefficients}
+    if body not in coupled:
+        return {}
+    others = sorted(coupled - {body})
+    column = {other: number for number, other in enumerate(others)}
+    slopes = np.zeros((len(couplings), len(others)))
+    own = np.zeros(len(couplings))
+    for row, coupling in enumerate(couplings):
+        for other, coefficient in coupling.coefficients:
+            if other == body:
+                own[row] = coefficient
+            else:
+                slopes[row, column[other]] = coefficient
+    turns = np.linalg.lstsq(slopes, -own, rcond=1e-6)[0]
+    if np.abs(slopes @ turns + own).max() > _LEAST_TURN:
+        return {}
+    found = {other: float(turns[number]) for other, number in column.items()}
+    return {other: turn for other, turn in found.items() if abs(turn) > _LEAST_TURN}
