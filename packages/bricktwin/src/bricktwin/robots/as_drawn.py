@@ -61,6 +61,8 @@ class DrawnMotor:
         """What it moves, in words."""
         facts = self.facts
         where = f", {self.place}" if self.place else ""
+        if facts.turns_with:
+            return f"turns with port {facts.turns_with}"
         match self.role:
             case Role.WHEEL:
                 return f"turns a wheel of {facts.wheel_mm:g} mm{where}"
@@ -111,8 +113,8 @@ class DrawnRobot:
     is_wired: bool
 
     def motors_with(self, role: Role) -> list[DrawnMotor]:
-        """The motors that move this."""
-        return [motor for motor in self.motors if motor.role is role]
+        """The motors that move this, without those that only turn with another."""
+        return _moving(self.motors, role)
 
     def sensor_looking(self, sense: Sense, looks: str) -> str | None:
         """Name of the first sensor with a sense that looks in a direction, a name of ``LOOKS``."""
@@ -158,6 +160,11 @@ def robot_as_drawn(path: Path | str) -> DrawnRobot:
     )
 
 
+def _moving(motors: Sequence[DrawnMotor], *roles: Role) -> list[DrawnMotor]:
+    """The motors of some roles, without those that only turn with another."""
+    return [motor for motor in motors if motor.role in roles and not motor.facts.turns_with]
+
+
 def _described(motor: DrawnMotor) -> Motor:
     """The description of a motor, which counts up when it rolls or walks forwards; that of a joint
     keeps within its way."""
@@ -201,7 +208,7 @@ def _motor_names(motors: Sequence[DeviceFacts], places: Mapping[str, str]) -> li
 def _places(motors: Sequence[DeviceFacts]) -> Iterator[tuple[DeviceFacts, str]]:
     """Motors that move the robot, with names of their places: ``left_front``."""
     for role in (Role.WHEEL, Role.LEG):
-        moving = [motor for motor in motors if motor.role == role]
+        moving = [motor for motor in motors if motor.role == role and not motor.turns_with]
         if len(moving) == 1:
             yield moving[0], "drive"
             continue
@@ -258,7 +265,7 @@ def _sensor_names(sensors: Sequence[DeviceFacts], taken: Sequence[str]) -> list[
 
 def _drive_base(motors: Sequence[DrawnMotor]) -> DriveBase | None:
     """The drive base of a robot with two driven wheels, one on each side of one axle."""
-    wheels = [motor for motor in motors if motor.role is Role.WHEEL]
+    wheels = _moving(motors, Role.WHEEL)
     if len(wheels) != 2 or not _are_mirrored(wheels[0].facts, wheels[1].facts, wheels):
         return None
     right, left = sorted(wheels, key=lambda wheel: wheel.facts.wheel_left_m)
@@ -268,7 +275,7 @@ def _drive_base(motors: Sequence[DrawnMotor]) -> DriveBase | None:
 
 def _mirrored(motors: Sequence[DrawnMotor]) -> Iterator[tuple[str, str]]:
     """Pairs of motors that change places in a mirror, the left one first."""
-    moving = [motor for motor in motors if motor.role in (Role.WHEEL, Role.LEG)]
+    moving = _moving(motors, Role.WHEEL, Role.LEG)
     left_over = list(moving)
     for first, second in itertools.combinations(moving, 2):
         is_free = first in left_over and second in left_over

@@ -13,13 +13,13 @@ from bricktwin.kept import kept
 from bricktwin.plans.ldraw_text import sources_of
 
 if TYPE_CHECKING:
+    from bricktwin.plans.mechanism.articulation import Drive
+    from bricktwin.plans.mechanism.kinematics import Wheel
     from bricktwin.plans.plan import Placed
     from bricktwin.plans.planned_robot import PlannedRobot
 
 _ALIGNED_COSINE = 0.999
 """Cosine of the largest angle, 2.6 degrees, at which a side of the hub looks along an axis."""
-_DIFFERENTIALS = ("62821b", "65414")
-"""Numbers of differentials: no twin shares a turn between two shafts."""
 _LOOKS_COSINE = 0.8
 """Cosine of the largest angle, 37 degrees, at which a sensor looks along an axis."""
 
@@ -46,6 +46,8 @@ class DeviceFacts(NamedTuple):
         way_deg: of a joint, the angles of its shaft at which its parts meet others; empty if it
             turns all around.
         looks: of a sensor, a name of ``LOOKS``; "" for one that looks askew.
+        turns_with: of a motor, the port of an earlier one that turns it, as on one gear; "" for
+            none.
     """
 
     name: str
@@ -65,6 +67,7 @@ class DeviceFacts(NamedTuple):
     axis: tuple[float, ...] = (0.0, 0.0, 0.0)
     way_deg: tuple[float, ...] = ()
     looks: str = ""
+    turns_with: str = ""
 
 
 class PlanFacts(NamedTuple):
@@ -119,18 +122,7 @@ def facts_of(design: PlannedRobot) -> PlanFacts:
     for placed in design.plan.devices(DeviceKind.MOTOR):
         role = roles.get(placed.port or "", "")
         motors.append(_motor_facts(design, placed, role))
-    lacks = [
-        f"line {placed.line}: {placed.name} has no twin, so that what is beyond it turns freely"
-        for placed in design.plan.parts
-        if placed.part.number in _DIFFERENTIALS
-    ]
-    for first, second in design.geared_together:
-        lacks.append(
-            f"ports {first} and {second}: their motors turn one gear, and a twin has one motor for "
-            "each, so that what is beyond it turns freely"
-        )
-    lacks += _unread(design)
-    return PlanFacts(hubs, motors, sensors, design.is_wired, lacks)
+    return PlanFacts(hubs, motors, sensors, design.is_wired, _unread(design))
 
 
 def _unread(design: PlannedRobot) -> list[str]:
@@ -209,9 +201,36 @@ def _motor_facts(
                 wheel_mm=wheel.diameter_mm,
                 wheel_left_m=float(wheel.centre_m[1]),
             )
+            if wheel.link != drive.joint.child:
+                facts = _geared_facts(facts, design, drive, wheel)
+    for first, second in design.geared_together:
+        if second == port and not facts.turns_with:
+            facts = facts._replace(turns_with=first)
     if role == "joint" and not facts.stops_deg:
         facts = facts._replace(way_deg=stops_deg(design, port) or ())
     return facts
+
+
+def _geared_facts(
+    facts: DeviceFacts,
+    design: PlannedRobot,
+    drive: Drive,
+    wheel: Wheel,
+) -> DeviceFacts:
+    """Facts of a motor that turns a wheel through a differential, or with another motor: where and
+    how the wheel turns, when all wheels turn alike."""
+    from bricktwin.plans.mechanism.open_gears import turns_with
+
+    turns = turns_with(design.articulation.couplings, drive.joint.child)
+    ratio = turns[wheel.link] / drive.gear
+    joint = next(joint for joint in design.articulation.joints if joint.child == wheel.link)
+    axis = joint.axis * (1.0 if ratio > 0 else -1.0)
+    return facts._replace(
+        ratio=abs(ratio),
+        at_m=tuple(joint.point_m.tolist()),
+        axis=tuple(axis.tolist()),
+        is_forward=bool(axis[1] > 0),
+    )
 
 
 def _decoded(data: bytes) -> PlanFacts:

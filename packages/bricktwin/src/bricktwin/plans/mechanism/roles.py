@@ -4,8 +4,9 @@ import numpy as np
 
 from bricktwin.plans.geometry import M_PER_LDU, Floats
 from bricktwin.plans.mechanism.articulation import Articulation, Drive
-from bricktwin.plans.mechanism.kinematics import TO_TWIN
+from bricktwin.plans.mechanism.kinematics import TO_TWIN, Hinge
 from bricktwin.plans.mechanism.motor_role import Role
+from bricktwin.plans.mechanism.open_gears import turns_with
 from bricktwin.plans.plan import Placed, Plan
 
 _LEVEL_COSINE = 0.5
@@ -36,13 +37,18 @@ def roles_of(plan: Plan, articulation: Articulation) -> dict[str, Role]:
 def _role_beside_wheels(articulation: Articulation, drive: Drive) -> Role:
     """What a motor moves of a robot that rolls."""
     rolling = {wheel.link for wheel in articulation.wheels}
-    is_upright = abs(drive.joint.axis[2]) > _LEVEL_COSINE
-    if drive.joint.child in rolling and not is_upright:
+    driven = {drive.joint.child, *turns_with(articulation.couplings, drive.joint.child)}
+    turned = [joint for joint in articulation.joints if joint.child in driven]
+    if any(joint.child in rolling and not _is_upright(joint) for joint in turned):
         return Role.WHEEL
     carries_wheels = bool(moved_by(articulation, drive) & rolling)
-    if carries_wheels and is_upright:
+    if carries_wheels and any(_is_upright(joint) for joint in turned):
         return Role.STEERING
     return Role.JOINT
+
+
+def _is_upright(joint: Hinge) -> bool:
+    return bool(abs(joint.axis[2]) > _LEVEL_COSINE)
 
 
 def _underside_m(plan: Plan, articulation: Articulation) -> float:
@@ -83,7 +89,7 @@ def lowest_point_m(plan: Plan, articulation: Articulation) -> float:
 def moved_by(articulation: Articulation, drive: Drive) -> set[int]:
     """Bodies that a motor moves: the driven one, what it carries, and what rods, gears and loops
     take along."""
-    moved = {drive.joint.child}
+    moved = {drive.joint.child, *turns_with(articulation.couplings, drive.joint.child)}
     for geared in articulation.geared:
         if geared.port == drive.port:
             moved.add(geared.joint.child)
