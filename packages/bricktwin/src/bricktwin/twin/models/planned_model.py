@@ -30,6 +30,7 @@ from bricktwin.twin.models.balance import standing_shapes
 from bricktwin.twin.models.feet import Shape
 from bricktwin.twin.models.mounts import add_hub_site, add_sensor_site, mount_sensor
 from bricktwin.twin.models.turning import (
+    FIRM,
     add_coupling,
     add_gears,
     add_loop,
@@ -42,6 +43,9 @@ _ROTOR_KG = 1e-4
 """Mass of the body between a motor's joint and its backlash: MuJoCo needs a mass for each."""
 _ROTOR_KG_M2 = 1e-8
 """Inertia of that body; the rotor's own is the joint's armature."""
+_GEAR_KG_M2 = 1e-5
+"""Inertia of an open gear. It is more than a gear of LEGO has, as a constraint on less is soft, and
+a tenth of a motor's."""
 _TRAIN_FRICTION_NM = 0.033
 """Dry friction of a gear train at the motor's side; an estimate: arms hold themselves while their
 motors coast."""
@@ -435,7 +439,13 @@ class _Builder:
             joints: list[tuple[str, float]] = []
             for body, coefficient in coupling.coefficients:
                 joints += [(joint.name, coefficient) for joint in self.turning[body]]
+                self._make_firm(self.turning[body][-1])
             add_gears(self.spec, f"gears_{number}", joints)
+
+    def _make_firm(self, joint: mujoco.MjsJoint) -> None:
+        """Let a light shaft withstand the torque of a motor."""
+        joint.armature = _GEAR_KG_M2
+        joint.solimp_limit = FIRM
 
     def _add_rods(self) -> None:
         """Add all rods, named after the port of a motor at one of their ends."""

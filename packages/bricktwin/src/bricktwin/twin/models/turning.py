@@ -14,6 +14,10 @@ from bricktwin.plans.geometry import Triple
 from bricktwin.plans.mechanism.articulation import Follower, Geared
 from bricktwin.twin.engines.conventions import ROD, SHAPE_GROUP, SPINNER, motor_name
 
+FIRM = (0.9999, 0.9999, 0.001, 0.5, 2.0)
+"""Impedance of constraints on light shafts between strong motors, the largest that MuJoCo allows:
+with its default they give way by whole turns."""
+
 
 def add_rod(
     spec: mujoco.MjSpec,
@@ -100,7 +104,8 @@ def add_gears(
     tendon = spec.add_tendon(name=name, group=SHAPE_GROUP)
     for joint, coefficient in joints:
         tendon.wrap_joint(joint, coefficient)
-    _keep_length(spec, name)
+    constraint = _keep_length(spec, name)
+    constraint.solimp = FIRM
 
 
 def add_loop(
@@ -122,7 +127,7 @@ def add_loop(
     _stiffen(spec, constraint)
 
 
-def _keep_length(spec: mujoco.MjSpec, tendon: str) -> None:
+def _keep_length(spec: mujoco.MjSpec, tendon: str) -> mujoco.MjsEquality:
     """Keep a tendon at its initial length."""
     constraint = spec.add_equality(
         name=tendon,
@@ -133,6 +138,7 @@ def _keep_length(spec: mujoco.MjSpec, tendon: str) -> None:
     # With zeros as its polynomial, the tendon keeps the length of the initial configuration.
     constraint.data[:5] = 0.0
     _stiffen(spec, constraint)
+    return constraint
 
 
 def _stiffen(spec: mujoco.MjSpec, constraint: mujoco.MjsEquality) -> None:
