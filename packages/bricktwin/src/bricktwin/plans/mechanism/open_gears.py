@@ -8,6 +8,7 @@ ordinary pair is a ratio of two.
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -56,13 +57,14 @@ def open_gears(mechanism: Mechanism) -> OpenGears:
     edges: list[tuple[int, int]] = []
     planetary: set[int] = set()
     meshes = [row for row in mechanism.meshes if row[0] != row[1]]
+    geared = {link for first, second, _ in meshes for link in (first, second)}
     for first, second, mesh in meshes:
         if first not in ways or second not in ways:
             continue
         # The root turns nothing, so gears that mesh with it are no group.
         if root not in (first, second):
             edges.append((first, second))
-        carriers = _carriers(mechanism.hinges, mesh, ways[first], ways[second])
+        carriers = _carriers(mechanism.hinges, mesh, ways[first], ways[second], geared)
         if carriers:
             # What carries a gear that rolls around another one is geared with both.
             members = sorted({first, second, *carriers} - {root})
@@ -108,9 +110,10 @@ def _carriers(
     mesh: Mesh,
     way: Sequence[int],
     other_way: Sequence[int],
+    geared: set[int],
 ) -> set[int]:
     """The links on the ways to two gears, if one of these rolls around the other; else none."""
-    axes = 0
+    count = 0
     carriers: set[int] = set()
     for row, numbers in zip(mesh.motion, _apart(way, other_way), strict=True):
         turning = [hinges[number] for number in numbers]
@@ -118,15 +121,14 @@ def _carriers(
         if any(hinge.is_ball for hinge in turning):
             return set()
         turning = [hinge for hinge in turning if abs(row @ _twist(hinge)) > _LEAST_TURN]
-        # A gear that is loose on a loose axle has two joints about one axis.
-        others = [
-            hinge
-            for index, hinge in enumerate(turning)
-            if not any(share_axis(hinge, earlier) for earlier in turning[:index])
-        ]
-        axes += len(others)
+        count += len(turning)
+        for carried, hinge in pairwise(reversed(turning)):
+            # A gear that is loose on a loose axle has two joints about one axis, which count as
+            # one: no other gear depends on the axle.
+            is_loose = not {hinge.parent, hinge.child} & {carried.parent, carried.child} & geared
+            count -= is_loose and share_axis(hinge, carried)
         carriers.update(link for hinge in turning for link in (hinge.parent, hinge.child))
-    return carriers if axes > 2 else set()
+    return carriers if count > 2 else set()
 
 
 def _apart(way: Sequence[int], other_way: Sequence[int]) -> tuple[list[int], list[int]]:

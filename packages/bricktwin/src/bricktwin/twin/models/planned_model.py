@@ -20,6 +20,7 @@ from bricktwin.plans.drawing.planned_looks import cables_of, looks_of
 from bricktwin.plans.geometry import M_PER_LDU, MM_PER_LDU, Floats, Form
 from bricktwin.plans.mechanism.articulation import Articulation, Drive
 from bricktwin.plans.mechanism.kinematics import TO_TWIN, Hinge, Wheel, point_m_of
+from bricktwin.plans.mechanism.open_gears import turns_with
 from bricktwin.plans.part import DeviceKind
 from bricktwin.plans.plan import Placed
 from bricktwin.plans.planned_robot import PlannedRobot, free_deg, planned_robot, stops_deg
@@ -310,7 +311,7 @@ class _Builder:
             at_m=self._local(joint.parent, joint.point_m),
             axis=(x, y, z),
             gear=drive.gear,
-            train_friction_nm=_TRAIN_FRICTION_NM * abs(drive.gear) if drive.teeth else 0.0,
+            train_friction_nm=self._train_friction_nm(drive),
         )
         # The plan's configuration is at the plan's angle, while the joint counts as the motor does.
         start_deg = self._start_deg(motor)
@@ -335,6 +336,14 @@ class _Builder:
         # The backlash turns what is driven, too.
         self.turning[joint.child] = [shaft, *body.joints]
         self._register(joint, body)
+
+    def _train_friction_nm(self, drive: Drive) -> float:
+        """Dry friction of a motor's gear train at its joint; motors on one train share it."""
+        if drive.teeth:
+            return _TRAIN_FRICTION_NM * abs(drive.gear)
+        turned = turns_with(self.articulation.couplings, drive.joint.child)
+        others = [other for other in self.articulation.drives if other.joint.child in turned]
+        return _TRAIN_FRICTION_NM / (1 + len(others)) if turned else 0.0
 
     def _add_passive(self, joint: Hinge) -> None:
         """Add a body that turns freely on a pin, an axle or a ball, or that is driven by a motor
