@@ -4,6 +4,7 @@ between processes, as reading a plan takes long."""
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -219,14 +220,16 @@ def _geared_facts(
 ) -> DeviceFacts:
     """Facts of a motor that turns a wheel through a differential, or with another motor: where and
     how the wheel turns, when all wheels turn alike."""
-    from bricktwin.plans.mechanism.open_gears import turns_with
+    from bricktwin.plans.mechanism.open_gears import turn_with
 
-    turns = turns_with(design.articulation.couplings, drive.joint.child)
-    ratio = turns[wheel.link] / drive.gear
-    joint = next(joint for joint in design.articulation.joints if joint.child == wheel.link)
-    axis = joint.axis * (1.0 if ratio > 0 else -1.0)
+    made = design.articulation
+    turn = turn_with(made.couplings, made.joints, drive.joint.child, wheel.link) / drive.gear
+    ratio = math.hypot(*turn)
+    joint = next(joint for joint in made.joints if joint.child == wheel.link)
+    # Motors that turn a wheel one way each may hold it still together.
+    axis = turn / ratio if ratio else joint.axis
     return facts._replace(
-        ratio=abs(ratio),
+        ratio=ratio,
         at_m=tuple(joint.point_m.tolist()),
         axis=tuple(axis.tolist()),
         is_forward=bool(axis[1] > 0),

@@ -19,6 +19,8 @@ from bricktwin.plans.mechanism.kinematics import TO_TWIN, Hinge, Mechanism, shar
 _LEAST_SHARE = 0.005
 """Least share of a joint in a mesh, of the largest one. A worm has a fortieth; less is an error of
 drawing."""
+_RANK_TOLERANCE = 1e-4
+"""Singular values of couplings below this are errors of drawing."""
 _LEAST_TURN = 1e-3
 """Turns of a joint for a turn of a motor that count as none."""
 
@@ -190,21 +192,60 @@ def way_to(joint_of: Mapping[int, Hinge], body: int) -> list[int]:
 def turns_with(couplings: Sequence[Coupling], body: int) -> dict[int, float]:
     """Turns of joints, by their bodies, when that of one body turns once: the least ones that the
     couplings allow. Empty for a joint that no coupling has, or that they lock."""
-    coupled = {other for coupling in couplings for other, _ in coupling.coefficients}
-    if body not in coupled:
+    bodies, slopes = _slopes(couplings)
+    if body not in bodies:
         return {}
-    others = sorted(coupled - {body})
-    column = {other: number for number, other in enumerate(others)}
-    slopes = np.zeros((len(couplings), len(others)))
-    own = np.zeros(len(couplings))
+    column = bodies.index(body)
+    own = slopes[:, column]
+    others = np.delete(slopes, column, axis=1)
+    turns = np.linalg.lstsq(others, -own, rcond=_RANK_TOLERANCE)[0]
+    if np.abs(others @ turns + own).max() > _LEAST_TURN:
+        return {}
+    del bodies[column]
+    found = zip(bodies, turns.tolist(), strict=True)
+    return {other: turn for other, turn in found if abs(turn) > _LEAST_TURN}
+
+
+def turn_with(
+    couplings: Sequence[Coupling],
+    joints: Sequence[Hinge],
+    body: int,
+    other: int,
+) -> Floats:
+    """Turn [3] of another body about the axes of the twin when the joint of one body turns once."""
+    joint_of = {joint.child: joint for joint in joints}
+    turns = {**turns_with(couplings, body), body: 1.0}
+    turn = np.zeros(3)
+    for carrier in way_to(joint_of, other):
+        turn += turns.get(carrier, 0.0) * joint_of[carrier].axis
+    return turn
+
+
+def free_among(couplings: Sequence[Coupling], bodies: Iterable[int]) -> list[int]:
+    """Those of some bodies whose joints can be turned as one likes, with all before them: the others
+    turn with these."""
+    coupled, slopes = _slopes(couplings)
+    # The last rows of a full decomposition, beyond the rank, are the possible motions.
+    _, sizes, rows = np.linalg.svd(slopes)
+    rank = int(np.count_nonzero(sizes > _RANK_TOLERANCE))
+    motions = rows[rank:].T  # [joints, n]
+    free: list[int] = []
+    chosen: list[Floats] = []
+    for body in bodies:
+        if body in coupled:
+            row = motions[coupled.index(body)]
+            if np.linalg.matrix_rank(np.array([*chosen, row]), tol=_LEAST_TURN) == len(chosen):
+                continue
+            chosen.append(row)
+        free.append(body)
+    return free
+
+
+def _slopes(couplings: Sequence[Coupling]) -> tuple[list[int], Floats]:
+    """The bodies of couplings, and the coefficients [couplings, bodies]."""
+    bodies = sorted({body for coupling in couplings for body, _ in coupling.coefficients})
+    slopes = np.zeros((len(couplings), len(bodies)))
     for row, coupling in enumerate(couplings):
-        for other, coefficient in coupling.coefficients:
-            if other == body:
-                own[row] = coefficient
-            else:
-                slopes[row, column[other]] = coefficient
-    turns = np.linalg.lstsq(slopes, -own, rcond=1e-6)[0]
-    if np.abs(slopes @ turns + own).max() > _LEAST_TURN:
-        return {}
-    found = {other: float(turns[number]) for other, number in column.items()}
-    return {other: turn for other, turn in found.items() if abs(turn) > _LEAST_TURN}
+        for body, coefficient in coupling.coefficients:
+            slopes[row, bodies.index(body)] = coefficient
+    return bodies, slopes

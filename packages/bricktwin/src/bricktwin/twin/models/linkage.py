@@ -9,6 +9,7 @@ import numpy as np
 
 from bricktwin.plans.geometry import Floats, triple
 from bricktwin.plans.mechanism.articulation import Articulation
+from bricktwin.plans.mechanism.open_gears import free_among
 from bricktwin.twin.engines.mujoco_engine import MujocoEngine
 from bricktwin.twin.models.turning import (
     add_coupling,
@@ -114,6 +115,10 @@ class Linkage:
         self._gears: dict[str, float] = {}
         for drive in made.drives:
             self._gears[f"motor_{drive.port}"] = drive.gear
+        # Of motors on one gear, the first turns the others.
+        driven = [drive.joint.child for drive in made.drives]
+        free_bodies = set(free_among(made.couplings, driven)) if made.couplings else set(driven)
+        leading = {f"motor_{one.port}" for one in made.drives if one.joint.child in free_bodies}
         spec = mujoco.MjSpec()
         body_of = _add_linkage(spec, made)
         model = spec.compile()
@@ -134,7 +139,7 @@ class Linkage:
         free: list[str] = []
         for joint in range(model.njnt):
             name = model.joint(joint).name
-            if name in self._gears:
+            if name in leading:
                 continue
             self._passive.append(joint)
             dof = model.jnt_dofadr[joint]
