@@ -115,10 +115,12 @@ def test_hub_without_enough_ports_is_refused_with_the_line(tmp_path):
         robot_as_drawn(path)
 
 
-def test_differential_is_named_as_lacking(tmp_path):
+def test_what_has_no_twin_is_named(tmp_path):
     path = as_strangers_draw(tmp_path, "two_wheeler")
     lines = path.read_text(encoding="utf-8").splitlines()
-    lines.insert(2, "1 7 0 -200 0 1 0 0 0 1 0 0 0 1 62821b.dat")
+    gears = [f"1 7 {x} -200 0 1 0 0 0 1 0 0 0 1 3648b.dat" for x in (0, 64)]
+    lines[2:2] = [*gears, "1 7 0 -300 0 1 0 0 0 1 0 0 0 1 65414.dat"]
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
-    (lack,) = robot_as_drawn(path).lacks
-    assert "Differential 28 (62821b) has no twin" in lack
+    unknown, gears_apart = robot_as_drawn(path).lacks
+    assert "part 65414 is not in the catalogue" in unknown
+    assert "as they are 1.6 mm too far apart; move one" in gears_apart

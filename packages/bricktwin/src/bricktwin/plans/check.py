@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from brickhub.errors import counted, percent
+from brickhub.errors import counted
 from brickhub.finding import Finding, Outcome
 from brickhub.robot import HubKind, MotorKind, SensorKind
 from brickhub.robot.hardware import MotorModel, SensorModel
@@ -178,18 +178,10 @@ def _check_gears(plan: Plan, structure: Structure) -> Iterator[_Mistake]:
             continue
         first = plan.parts[mesh.first]
         second = plan.parts[mesh.second]
-        if abs(mesh.error) <= 1.0:
-            fault = (
-                f"meet over only {percent(mesh.engaged)} of their width; shift one along its axle"
-            )
-        else:
-            error_mm = abs(mesh.error) * MM_PER_LDU
-            kind = "far apart" if mesh.error > 0 else "close"
-            fault = f"are {error_mm:.1f} mm too {kind}; move one"
         yield (
             second.line,
             "gears",
-            f"the teeth of {second.name} and {first.name} of line {first.line} {fault}",
+            f"the teeth of {second.name} and {first.name} of line {first.line} {mesh.fault}",
         )
 
 

@@ -13,7 +13,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bricktwin.plans.geometry import AXES, Floats
+from brickhub.errors import percent
+from bricktwin.plans.geometry import AXES, MM_PER_LDU, Floats
 from bricktwin.plans.part import Fit, Gear, GearForm, Site
 from bricktwin.plans.plan import Placed
 
@@ -136,6 +137,17 @@ class Mesh:
     def is_good(self) -> bool:
         """Whether the gears mesh well enough to turn each other."""
         return abs(self.error) <= _MESH_TOLERANCE and self.engaged >= _MIN_SEATED_SHARE
+
+    @property
+    def fault(self) -> str:
+        """What is wrong with the teeth of a mesh that is not good, and what to do."""
+        if abs(self.error) <= _MESH_TOLERANCE:
+            return (
+                f"meet over only {percent(self.engaged)} of their width; shift one along its axle"
+            )
+        error_mm = abs(self.error) * MM_PER_LDU
+        kind = "far apart" if self.error > 0 else "close"
+        return f"are {error_mm:.1f} mm too {kind}; move one"
 
 
 def graph_of(pairs: Iterable[tuple[int, int]]) -> dict[int, list[int]]:

@@ -50,7 +50,10 @@ class PlannedRobot:
         """The motors that drive wheels, with the leftmost of each motor's wheels."""
         rolling = []
         for drive in self.articulation.drives:
-            driven = {drive.joint.child, *turns_with(self.articulation.couplings, drive.joint.child)}
+            driven = {
+                drive.joint.child,
+                *turns_with(self.articulation.couplings, drive.joint.child),
+            }
             wheels = [wheel for wheel in self.articulation.wheels if wheel.link in driven]
             if wheels:
                 leftmost = max(wheels, key=lambda wheel: float(wheel.centre_m[1]))

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -16,7 +16,7 @@ from bricktwin.plans.ldraw_text import sources_of
 if TYPE_CHECKING:
     from bricktwin.plans.mechanism.articulation import Drive
     from bricktwin.plans.mechanism.kinematics import Wheel
-    from bricktwin.plans.plan import Placed
+    from bricktwin.plans.plan import Placed, Plan
     from bricktwin.plans.planned_robot import PlannedRobot
 
 _ALIGNED_COSINE = 0.999
@@ -123,23 +123,30 @@ def facts_of(design: PlannedRobot) -> PlanFacts:
     for placed in design.plan.devices(DeviceKind.MOTOR):
         role = roles.get(placed.port or "", "")
         motors.append(_motor_facts(design, placed, role))
-    return PlanFacts(hubs, motors, sensors, design.is_wired, _unread(design))
+    return PlanFacts(hubs, motors, sensors, design.is_wired, list(_lacks(design.plan)))
 
 
-def _unread(design: PlannedRobot) -> list[str]:
-    """What of a plan is left out."""
+def _lacks(plan: Plan) -> Iterator[str]:
+    """What of a plan is left out of its twin, in words."""
+    from bricktwin.plans.connections import meshes
     from bricktwin.plans.part import DeviceKind
 
-    lacks: list[str] = []
-    for unknown in design.plan.unknown:
+    for unknown in plan.unknown:
         lines = ", ".join(str(line) for line in unknown.lines)
-        lacks.append(
+        yield (
             f"line {lines}: part {unknown.number} is not in the catalogue, so that what it holds "
             "may be loose"
         )
-    for hub in design.plan.devices(DeviceKind.HUB)[1:]:
-        lacks.append(f"line {hub.line}: {hub.name} is a second hub; only the first one counts")
-    return lacks
+    for hub in plan.devices(DeviceKind.HUB)[1:]:
+        yield f"line {hub.line}: {hub.name} is a second hub; only the first one counts"
+    for mesh in meshes(plan.parts):
+        if not mesh.is_good:
+            first = plan.parts[mesh.first]
+            second = plan.parts[mesh.second]
+            yield (
+                f"line {second.line}: its teeth do not turn {first.name} of line {first.line}, as "
+                f"they {mesh.fault}"
+            )
 
 
 def _device_facts(placed: Placed) -> DeviceFacts:

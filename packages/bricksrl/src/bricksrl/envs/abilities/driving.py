@@ -61,6 +61,9 @@ def drive_away(drawn: DrawnRobot) -> Task:
         commands: list[Command] = []
         for wheel in wheels:
             turn_deg = 360.0 * _LENGTH_MM / (math.pi * wheel.facts.wheel_mm)
+            # A motor without gears of its own may turn a wheel through a differential.
+            if wheel.facts.ratio and not wheel.facts.gears:
+                turn_deg /= wheel.facts.ratio
             commands.append(RunAngle(wheel.name, -turn_deg, turn_deg, speed_deg_s=_TURNS_DEG_S))
         channels: list[Channel] = [MotorAngle(wheel.name) for wheel in wheels]
         channels.append(Distance(eyes))

@@ -222,8 +222,8 @@ def turn_with(
 
 
 def free_among(couplings: Sequence[Coupling], bodies: Iterable[int]) -> list[int]:
-    """Those of some bodies whose joints can be turned as one likes, with all before them: the others
-    turn with these."""
+    """Those of some bodies whose joints can be turned as one likes: any other turns with those
+    before it."""
     coupled, slopes = _slopes(couplings)
     # The last rows of a full decomposition, beyond the rank, are the possible motions.
     _, sizes, rows = np.linalg.svd(slopes)
