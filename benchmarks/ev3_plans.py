@@ -4,9 +4,9 @@
 
 Reads those files below the folder that ``plans_of_others.csv`` names and that have an EV3 Brick.
 None of them says ports, so ports are given in the order of the lines: A to D to the motors, 1 to 4
-to the sensors. Where several motors drive the same part, as few as possible are left out, the last
-ones first. A program on the virtual brick then turns all motors for two seconds,
-so that those that drive wheels roll forwards, and reads all sensors.
+to the sensors. Where several motors sit on one axle, as few as possible are left out, the last
+ones first. A program on the virtual brick then turns all motors for two seconds, of those on one
+gear the first, so that those that drive wheels roll forwards, and reads all sensors.
 """
 
 from __future__ import annotations
@@ -20,26 +20,24 @@ from collections import Counter
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from benchmarks.plans_of_others import _TURNS, ENDINGS
+from benchmarks.plans_of_others import ENDINGS
 from benchmarks.session import Session
 from brickhub.robot import HubKind, Robot
 from brickhub.tables import read_table
 from brickhub.virtual.run import run_file
 from bricksrl.errors import BricksError, PlanError
-from bricktwin.plans.check import check, structure_of
+from bricktwin.plans.check import check
 from bricktwin.plans.ldraw_text import read_text
 from bricktwin.plans.part import DeviceKind
 from bricktwin.plans.plan import Plan, read_plan
 from bricktwin.plans.planned_robot import planned_robot
+from bricktwin.robots.plan_facts import read_facts
 from bricktwin.robots.planned import robot_of_plan
 from bricktwin.twin.mujoco_body import MujocoBody
 from bricktwin.twin.physics import Physics
 from bricktwin.twin.scene import OPEN_FLOOR
 
 _MOST_LEFT_OUT = 2
-_DIFFERENTIALS = ("62821b", "65414")
 _READINGS = {
     "Ev3ColorSensor": "reflection()",
     "Ev3GyroSensor": "angle()",
@@ -67,8 +65,9 @@ def with_ports(plan: Plan, text: str, dropped: set[int]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def program(robot: Robot) -> str:
-    """A program that turns all motors for two seconds, then reads all sensors."""
+def program(robot: Robot, dragged: set[str]) -> str:
+    """A program that turns all motors for two seconds but those of some ports, then reads all
+    sensors."""
     lines = [
         "from pybricks.ev3devices import *",
         "from pybricks.parameters import Direction, Port",
@@ -79,7 +78,7 @@ def program(robot: Robot) -> str:
         lines.append(f"{motor.name} = Motor(Port.{motor.port}, {direction})")
     for sensor in robot.sensors:
         lines.append(f"{sensor.name} = {sensor.kind.model.class_name}(Port.S{sensor.port})")
-    lines += [f"{motor.name}.run(300)" for motor in robot.motors]
+    lines += [f"{motor.name}.run(300)" for motor in robot.motors if motor.port not in dragged]
     lines.append("wait(2000)")
     lines += [f"print('{motor.name}', {motor.name}.angle())" for motor in robot.motors]
     for sensor in robot.sensors:
@@ -93,7 +92,7 @@ def drive(path: Path) -> dict[str, Any]:
     robot = robot_of_plan(path, name="robot")
     body = MujocoBody(robot, OPEN_FLOOR, Physics(), 0)
     main, out = path.with_name("main.py"), io.BytesIO()
-    main.write_text(program(robot))
+    main.write_text(program(robot, {port for _, port in planned_robot(path).geared_together}))
     code = run_file(main, body, stdout=out)
     pose = body.pose()
     readings = [line.split(maxsplit=1) for line in out.getvalue().decode().splitlines()]
@@ -136,8 +135,6 @@ def look(path: Path) -> dict[str, Any] | None:
         copy = Path(folder) / "robot.ldr"
         for dropped in choices:
             copy.write_text(with_ports(plan, text, set(dropped)), encoding="utf-8")
-            if not are_independent(read_plan(copy)):
-                continue
             try:
                 driven = drive(copy)
             except BricksError as error:
@@ -146,27 +143,14 @@ def look(path: Path) -> dict[str, Any] | None:
             if dropped:
                 named = ", ".join(map(str, sorted(dropped)))
                 found["lacks"].append(f"lines {named}: motors that drive what another one drives")
-            found["lacks"] += no_twin(plan, driven)
+            found["lacks"] += no_twin(copy, driven)
             return {**found, "left_out": sorted(dropped), "driven": driven}
     return {**found, "lacks": list(dict.fromkeys(found["lacks"])), "driven": None}
 
 
-def are_independent(plan: Plan) -> bool:
-    """Whether each motor can turn by itself."""
-    bodies = structure_of(plan).bodies
-    motions = bodies.motions()
-    rates = [joint.rates(motions) for joint in bodies.joints if joint.motor is not None]
-    return bool(np.linalg.matrix_rank(np.array(rates), tol=_TURNS) == len(rates))
-
-
-def no_twin(plan: Plan, driven: dict[str, Any]) -> list[str]:
+def no_twin(path: Path, driven: dict[str, Any]) -> list[str]:
     """What of a plan a twin does not have, in words."""
-    missing = []
-    for placed in plan.parts:
-        if placed.part.number in _DIFFERENTIALS:
-            missing.append(
-                f"line {placed.line}: {placed.name} has no twin; the wheels beyond it roll freely"
-            )
+    missing = list(read_facts(path).lacks)
     if not driven["wheels_turned_by_motors"]:
         missing.append("no motor turns a wheel")
     return missing
