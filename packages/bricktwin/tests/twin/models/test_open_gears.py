@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from bricktwin.plans.mechanism.roles import Role
+from bricktwin.plans.mechanism.motor_role import Role
 from bricktwin.plans.planned_robot import planned_robot
 from bricktwin.robots.as_drawn import robot_as_drawn
 from bricktwin.twin.models.linkage import Linkage
