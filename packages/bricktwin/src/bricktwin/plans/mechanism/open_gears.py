@@ -69,23 +69,22 @@ def open_gears(mechanism: Mechanism) -> OpenGears:
         carriers = _carriers(mechanism.hinges, mesh, ways[first], ways[second], geared)
         if carriers:
             # What carries a gear that rolls around another one is geared with both.
-            members = sorted({first, second, *carriers} - {root})
-            edges += [(members[0], other) for other in members]
+            members = {first, second, *carriers} - {root}
+            edges += pairwise(sorted(members))
             planetary.update(members)
     neighbours = graph_of(edges)
-    rotors = {
-        hinge.child if hinge.turns_child else hinge.parent
-        for hinge in mechanism.hinges
-        if hinge.port is not None
-    }
+    rotors: set[int] = set()
+    for hinge in mechanism.hinges:
+        if hinge.port is not None:
+            rotors.add(hinge.child if hinge.turns_child else hinge.parent)
     links: set[int] = set()
     for link in neighbours:
         group = reached([link], neighbours)
         if group & planetary or len(group & rotors) > 1:
             links |= group
-    is_open = [first in links or second in links for first, second, _ in meshes]
-    found = tuple(row for row, opens in zip(meshes, is_open, strict=True) if opens)
-    return OpenGears(found, frozenset(links))
+    # One of the two may be the root, which is in no group.
+    found = [row for row in meshes if links & {row[0], row[1]}]
+    return OpenGears(tuple(found), frozenset(links))
 
 
 def _ways(hinges: Sequence[Hinge], root: int) -> dict[int, tuple[int, ...]]:
@@ -127,9 +126,13 @@ def _carriers(
         for carried, hinge in pairwise(reversed(turning)):
             # A gear that is loose on a loose axle has two joints about one axis, which count as
             # one: no other gear depends on the axle.
-            is_loose = not {hinge.parent, hinge.child} & {carried.parent, carried.child} & geared
-            count -= is_loose and share_axis(hinge, carried)
-        carriers.update(link for hinge in turning for link in (hinge.parent, hinge.child))
+            ends = {hinge.parent, hinge.child}
+            between = ends & {carried.parent, carried.child}
+            if not between & geared and share_axis(hinge, carried):
+                count -= 1
+        for hinge in turning:
+            carriers |= {hinge.parent, hinge.child}
+    # Of an ordinary pair, each gear turns on what both are on.
     return carriers if count > 2 else set()
 
 
@@ -174,8 +177,11 @@ def couplings_of(
         has_ball = any(joint_of[body].is_ball for body in coefficients)
         if has_ball or largest == 0.0:
             continue
-        shares = [(body, round(value / largest, 6)) for body, value in coefficients.items()]
-        turned = [(body, share) for body, share in shares if abs(share) > _LEAST_SHARE]
+        turned: list[tuple[int, float]] = []
+        for body, coefficient in coefficients.items():
+            share = round(coefficient / largest, 6)
+            if abs(share) > _LEAST_SHARE:
+                turned.append((body, share))
         couplings.append(Coupling(tuple(turned)))
     return tuple(couplings)
 
@@ -198,8 +204,10 @@ def turns_with(couplings: Sequence[Coupling], body: int) -> dict[int, float]:
     column = bodies.index(body)
     own = slopes[:, column]
     others = np.delete(slopes, column, axis=1)
+    # Least squares give the shortest solution where there are several.
     turns = np.linalg.lstsq(others, -own, rcond=_RANK_TOLERANCE)[0]
-    if np.abs(others @ turns + own).max() > _LEAST_TURN:
+    left_over = others @ turns + own
+    if np.abs(left_over).max() > _LEAST_TURN:
         return {}
     del bodies[column]
     found = zip(bodies, turns.tolist(), strict=True)
@@ -234,7 +242,8 @@ def free_among(couplings: Sequence[Coupling], bodies: Iterable[int]) -> list[int
     for body in bodies:
         if body in coupled:
             row = motions[coupled.index(body)]
-            if np.linalg.matrix_rank(np.array([*chosen, row]), tol=_LEAST_TURN) == len(chosen):
+            rows_so_far = np.array([*chosen, row])
+            if np.linalg.matrix_rank(rows_so_far, tol=_LEAST_TURN) == len(chosen):
                 continue
             chosen.append(row)
         free.append(body)
