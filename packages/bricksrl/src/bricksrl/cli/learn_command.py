@@ -171,8 +171,12 @@ def _wheels_in_the_air(drawn: DrawnRobot) -> list[str]:
     from bricktwin.twin.mujoco_body import MujocoBody
 
     body = make_body(drawn.robot)
+    if not isinstance(body, MujocoBody):
+        return []
     tyres = {f"tyre_{wheel.facts.port}" for wheel in drawn.motors_with(Role.WHEEL)}
-    if not tyres or not isinstance(body, MujocoBody) or tyres & body.touching():
+    # Wheels behind a differential are no single motor's, and have other names.
+    tyres &= set(body.engine.names("geom"))
+    if not tyres or tyres & body.touching():
         return []
     note = (
         f"{drawn.robot.name}: its driven wheels do not touch the floor, as something else is "
