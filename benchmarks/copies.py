@@ -6,7 +6,8 @@ on WalkerSim-v0.
 PPO with 4,096 copies to -12, SAC with 256 copies to -10.5, one thread, each run in its own process,
 start-up included. After each round (as many steps of all copies as an episode has) the policy is
 evaluated on deterministic episodes, which is included in the time. A run that does not reach the
-return within ``--limit`` CPU seconds counts with this limit.
+return within ``--limit`` CPU seconds counts with this limit. Beside them, what PPO reaches with as
+many episodes as `bricksrl train` chooses by itself for so many copies, and the time that it takes.
 """
 
 from __future__ import annotations
@@ -55,11 +56,28 @@ def run(agent: str, seed: int, limit_s: float) -> list[list[float]]:
     return rounds
 
 
+def default_run(seed: int) -> list[float]:
+    """CPU seconds of PPO's run of default length, start-up included, and the mean return of its
+    policy in deterministic episodes."""
+    from bricksrl.envs.registry import training_episodes
+    from bricksrl.evaluation.evaluator import evaluate
+    from bricksrl.training import TrainConfig, train
+
+    copies, _ = GOALS["ppo"]
+    with tempfile.TemporaryDirectory() as folder:
+        run_dir = Path(folder) / "run"
+        episodes = training_episodes(ENV, copies)
+        train(TrainConfig(ENV, "ppo", episodes, seed, num_envs=copies, run_dir=run_dir))
+        cpu_s = time.process_time()
+        result = evaluate(run_dir, episodes=EVALUATED, save=False)
+    return [round(cpu_s, 1), round(result.return_mean, 2)]
+
+
 def main(session: Session) -> None:
     """Run all seeds and write the results."""
     parser = session.parser
     parser.add_argument("--limit", type=float, default=120.0, help="CPU seconds of a run at most")
-    args = session.parse(agents=list(GOALS), seeds=5)
+    args = session.parse(agents=list(GOALS), seeds=5, default_seeds=10)
     agents: dict[str, Any] = {}
     for agent in args.agents:
         copies, goal = GOALS[agent]
@@ -81,6 +99,12 @@ def main(session: Session) -> None:
         print(
             f"{agent}: {result['cpu_s_median']} CPU s to {goal}, {result['reached']} of {len(runs)}"
         )
-    session.write(
-        {"setup": {"env": ENV, "evaluated": EVALUATED, "limit_s": args.limit}, "agents": agents}
-    )
+    jobs = {f"default-{seed}": (seed,) for seed in range(args.default_seeds)}
+    defaults = list(session.outcomes(default_run, jobs, processes=1, fresh=True))
+    default = {
+        "cpu_s": [cpu_s for cpu_s, _ in defaults],
+        "returns": [mean for _, mean in defaults],
+    }
+    print(f"PPO's default run: {default}")
+    setup = {"env": ENV, "evaluated": EVALUATED, "limit_s": args.limit}
+    session.write({"setup": setup, "agents": agents, "default": default})

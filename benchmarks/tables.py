@@ -518,9 +518,18 @@ def copies(result: Result) -> str:
         ]
         for agent, entry in result["agents"].items()
     ]
-    return table(
-        ["agent", "copies", "goal", "seeds that reach it", "CPU time, median [min to max]"], rows
-    )
+    default = result.get("default", {})
+    note = ""
+    if default.get("cpu_s"):
+        returns = default["returns"]
+        note = (
+            f"\nPPO's run of default length, {len(returns)} seeds: "
+            f"{statistics.median(default['cpu_s']):.0f} s of CPU time, {max(default['cpu_s']):.0f} s at "
+            f"most; a return of {statistics.median(returns):.1f} [{min(returns):.1f} to "
+            f"{max(returns):.1f}].\n"
+        )
+    head = ["agent", "copies", "goal", "seeds that reach it", "CPU time, median [min to max]"]
+    return table(head, rows) + note
 
 
 def race(result: Result) -> str:
