@@ -99,8 +99,8 @@ def main(session: Session) -> None:
         print(
             f"{agent}: {result['cpu_s_median']} CPU s to {goal}, {result['reached']} of {len(runs)}"
         )
-    jobs = {f"default-{seed}": (seed,) for seed in range(args.default_seeds)}
-    defaults = list(session.outcomes(default_run, jobs, processes=1, fresh=True))
+    default_runs = {f"default-{seed}": (seed,) for seed in range(args.default_seeds)}
+    defaults = list(session.outcomes(default_run, default_runs, processes=1, fresh=True))
     default = {
         "cpu_s": [cpu_s for cpu_s, _ in defaults],
         "returns": [mean for _, mean in defaults],

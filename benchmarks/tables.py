@@ -522,12 +522,11 @@ def copies(result: Result) -> str:
     note = ""
     if default.get("cpu_s"):
         returns = default["returns"]
-        note = (
-            f"\nPPO's run of default length, {len(returns)} seeds: "
-            f"{statistics.median(default['cpu_s']):.0f} s of CPU time, {max(default['cpu_s']):.0f} s at "
-            f"most; a return of {statistics.median(returns):.1f} [{min(returns):.1f} to "
-            f"{max(returns):.1f}].\n"
-        )
+        cpu_s = default["cpu_s"]
+        taken = f"{statistics.median(cpu_s):.0f} s of CPU time, {max(cpu_s):.0f} s at most"
+        reached = f"{statistics.median(returns):.1f} [{min(returns):.1f} to {max(returns):.1f}]"
+        seeds = f"{len(returns)} seeds"
+        note = f"\nPPO's run of default length, {seeds}: {taken}; a return of {reached}.\n"
     head = ["agent", "copies", "goal", "seeds that reach it", "CPU time, median [min to max]"]
     return table(head, rows) + note
 
