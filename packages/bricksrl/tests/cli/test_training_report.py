@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import re
 import shutil
 from functools import partial
@@ -12,6 +13,7 @@ import pytest
 from videos import read_video
 
 from bricksrl.cli import main
+from bricksrl.envs import get_task
 from bricksrl.envs.reference_returns import REFERENCES
 from bricksrl.errors import RenderingUnavailableError, TwinError
 from bricksrl.evaluation import evaluate
@@ -43,6 +45,7 @@ def test_report_without_videos(trained):
     assert f"report          {run_dir / 'report.html'}" in done.stdout
     assert (
         "<h1>RunAway-v0" in text
+        and f"<p>{html.escape(get_task('RunAway-v0').summary)}</p>" in text
         and "There is no film" in text
         and f"bricksrl play {run_dir} --page" in text
     )

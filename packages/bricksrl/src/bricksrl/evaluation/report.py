@@ -1,6 +1,7 @@
 """Report of a run: one HTML file with results, learning curve and films."""
 
 import base64
+import contextlib
 import html
 import io
 import itertools
@@ -11,11 +12,12 @@ from typing import NamedTuple
 
 from brickhub.files import quoted, write_durably
 from bricksrl.envs.reference_returns import REFERENCES
-from bricksrl.envs.registry import is_simulation
-from bricksrl.errors import RenderingUnavailableError, TwinError, counted, percent
+from bricksrl.envs.registry import get_task, is_simulation
+from bricksrl.errors import BricksError, RenderingUnavailableError, TwinError, counted, percent
 from bricksrl.evaluation.evaluator import EvaluationResult
 from bricksrl.evaluation.film import Film, check_run_filmable, film_run, side_by_side
 from bricksrl.training.callbacks import Episode
+from bricksrl.training.config import TrainConfig
 from bricksrl.training.run_folder import Origin, RunFolder
 from bricktwin.report_page import plain_number, report_page
 
@@ -96,12 +98,14 @@ def write_report(
     except (RenderingUnavailableError, TwinError) as error:
         reason = str(error)
     folder = RunFolder(run_dir)
-    name = folder.read_config().name
+    config = folder.read_config()
+    name = config.name
     # No format code that all systems have gives a day without a leading zero.
     date = f"{datetime.now().astimezone():%d %B %Y}".lstrip("0")
     body = [
         f"<h1>{html.escape(result.env)}: what the robot has learned</h1>",
         f"<p class=who>{html.escape(f'{name} · {date}' if name else date)}</p>",
+        *_about(config),
         f"<p class=lead>{_lead(episodes, result, films)}</p>",
         *_film_part(films, reason),
         *_picture(films),
@@ -120,6 +124,13 @@ def write_report(
     # computer's locale.
     write_durably(path, text.encode(errors="surrogateescape"))
     return path, str(films.both) if films is not None else f"none: {reason}"
+
+
+def _about(config: TrainConfig) -> Iterable[str]:
+    """What the robot was to learn, in the words of its task; nothing for an environment that was
+    given to `train`, and has no name to look it up by."""
+    with contextlib.suppress(BricksError):
+        yield f"<p>{html.escape(get_task(config.env, **config.options).summary)}</p>"
 
 
 def _lead(
