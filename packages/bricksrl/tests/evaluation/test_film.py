@@ -62,7 +62,7 @@ def test_camera_follows_the_robot_and_every_episode_is_in_the_film(
     # Ten steps, at double speed as the task is long, and twice the time in which the end is read. A
     # step lasts until the robot has driven, which is about the second that counts for it.
     wanted_s = 10 / env.task.rate_hz / film._SPEED + 2 * film._LAST_S
-    assert seconds == pytest.approx(wanted_s, abs=1.5)
+    assert seconds == pytest.approx(wanted_s, abs=1.0)
 
 
 def test_no_film_without_a_body(tmp_path: Path) -> None:

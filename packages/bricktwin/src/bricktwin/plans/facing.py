@@ -23,9 +23,12 @@ def turned_ahead(plan: Plan) -> Plan:
     axles = _axles(plan)
     if not axles:
         return plan
-    # A robot goes across its axles.
-    across = [abs(axle @ _AHEAD) > _ALIKE_COSINE for axle in axles]
-    goes_sideways = sum(across) > len(axles) / 2
+    # A robot goes across its axles: where most of them point ahead, it goes sideways.
+    pointing_ahead = 0
+    for axle in axles:
+        along = abs(float(axle @ _AHEAD))
+        pointing_ahead += along > _ALIKE_COSINE
+    goes_sideways = pointing_ahead > len(axles) / 2
     ahead = _SIDE if goes_sideways else _AHEAD
     if _sight(plan, ahead) < _sight(plan, -ahead):
         ahead = -ahead
@@ -46,13 +49,25 @@ def turned_ahead(plan: Plan) -> Plan:
 
 def _axles(plan: Plan) -> list[Floats]:
     """Level axes of wheels; of a robot without them, those of motors' shafts."""
-    wheels = [placed for placed in plan.parts if placed.part.wheel_mm and not _is_caster(placed)]
-    # Wheels of the parts library turn about their z axis.
-    axes = [placed.rotation[:, 2] for placed in wheels]
+    axes: list[Floats] = []
+    for placed in plan.parts:
+        if placed.part.wheel_mm and not _is_caster(placed):
+            # Wheels of the parts library turn about their z axis.
+            axes.append(placed.rotation[:, 2])
     if not axes:
-        for placed in plan.devices(DeviceKind.MOTOR):
-            axes.append(placed.rotation @ np.array(placed.electric.direction))
-    return [axis for axis in axes if abs(axis @ _UP) < _ALIKE_COSINE]
+        axes = [_direction(placed) for placed in plan.devices(DeviceKind.MOTOR)]
+    level: list[Floats] = []
+    for axis in axes:
+        upright = abs(float(axis @ _UP))
+        if upright < _ALIKE_COSINE:
+            level.append(axis)
+    return level
+
+
+def _direction(placed: Placed) -> Floats:
+    """Where a motor's shaft points, or a sensor looks, in the plan's frame."""
+    outwards = np.array(placed.electric.direction)
+    return np.asarray(placed.rotation @ outwards)
 
 
 def _is_caster(placed: Placed) -> bool:
@@ -62,14 +77,18 @@ def _is_caster(placed: Placed) -> bool:
 def _sight(plan: Plan, ahead: Floats) -> float:
     """How much a robot sees ahead: a sensor that looks there counts one, a color sensor that
     looks down and is ahead of the middle a half."""
-    middle = np.mean([placed.position for placed in plan.parts], axis=0)
+    positions = [placed.position for placed in plan.parts]
+    middle = np.mean(positions, axis=0)
     sight = 0.0
     for placed in plan.devices(DeviceKind.SENSOR):
         senses = SensorKind(placed.electric.name).model.senses
-        looks = placed.rotation @ np.array(placed.electric.direction)
-        if Sense.DISTANCE in senses and looks @ ahead > _ALIKE_COSINE:
+        looks = _direction(placed)
+        looks_ahead = looks @ ahead > _ALIKE_COSINE
+        looks_down = looks @ _UP < -_ALIKE_COSINE
+        offset = placed.position - middle
+        is_in_front = offset @ ahead > 0
+        if Sense.DISTANCE in senses and looks_ahead:
             sight += 1.0
-        elif Sense.SURFACE in senses and looks @ _UP < -_ALIKE_COSINE:
-            is_ahead = (placed.position - middle) @ ahead > 0
-            sight += 0.5 * is_ahead
+        elif Sense.SURFACE in senses and looks_down and is_in_front:
+            sight += 0.5
     return sight
