@@ -295,12 +295,25 @@ def test_small_hub_has_less() -> None:
         ("other[0]", "1"),
         ("umath.isfinite((1,))", "TypeError can't convert tuple to float"),
         ("umath.isnan('a')", "TypeError can't convert str to float"),
+        (
+            "str(b'a', 'utf-8', 'ignore', 1)",
+            "TypeError function expected at most 3 arguments, got 4",
+        ),
+        ("str(b'a', 'utf-8', 'ignore')", "a"),
+        ("uerrno.errorcode.pop(1)", "TypeError "),
+        ("uerrno.errorcode.setdefault(1, 2)", "TypeError "),
+        ("uerrno.errorcode.update({})", "TypeError "),
+        ("uerrno.errorcode.clear()", "TypeError "),
+        ("len(dict(uerrno.errorcode))", "9"),
+        ("uerrno.errorcode.copy().pop(5)", "EIO"),
+        ("gc.threshold(100), gc.threshold()", "None 96"),
+        ("gc.threshold(-1), gc.threshold()", "None -1"),
     ],
 )
 def test_small_things_are_as_the_firmware_has_them(expression: str, answer: str) -> None:
     """As its code, built for a computer (v4.1.0b2), answers."""
     source = (
-        "import umath\nkind, other = type([]), [1]\nkind = type([])\ntry:\n"
+        "import gc, uerrno, umath\nkind, other = type([]), [1]\nkind = type([])\ntry:\n"
         f"    print({expression})\n"
     )
     assert (

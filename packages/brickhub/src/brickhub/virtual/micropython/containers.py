@@ -264,16 +264,6 @@ class HubDict(_Slotted, dict[Any, Any]):
     ) -> None:
         self.update(*args, **kwargs)
 
-    @classmethod
-    def in_order(cls, values: Mapping[Any, Any]) -> HubDict:
-        """An ordered dict, as made by the firmware."""
-        result = cls()
-        dict.update(result, values)
-        # The slots are filled in the order of the firmware's table, whatever the hashes.
-        result._table.slots = list(values)
-        result._table._hashes = [0] * len(values)
-        return result
-
     def __setitem__(
         self,
         key: Any,
@@ -353,12 +343,38 @@ class HubDict(_Slotted, dict[Any, Any]):
         **named: Any,
     ) -> None:
         # A hub takes only a dict itself for one. What a subclass iterates over is taken for pairs.
-        pairs = other.items() if type(other) is HubDict else other
+        pairs = other.items() if type(other) in (HubDict, FixedDict) else other
         for entry in itertools.chain(pairs, named.items()):
             pair = list(entry)
             if len(pair) != 2:
                 raise ValueError("dict update sequence has wrong length")
             self[pair[0]] = pair[1]
+
+
+class FixedDict(HubDict):
+    """A dict of the firmware, in the order of its table, which no program changes
+    (`mp_ensure_not_fixed` in ``py/objdict.c``)."""
+
+    __slots__ = ()
+
+    @classmethod
+    def of(cls, values: Mapping[Any, Any]) -> FixedDict:
+        """A fixed dict with these values."""
+        result: FixedDict = cls()
+        dict.update(result, values)
+        # The slots are filled in the order of the firmware's table, whatever the hashes.
+        result._table.slots = list(values)
+        result._table._hashes = [0] * len(values)
+        return result
+
+    def __init__(self) -> None:
+        """An empty dict is not filled by an update."""
+
+    def _refuse(self, *_: Any, **__: Any) -> Any:
+        raise TypeError
+
+    __setitem__ = __delitem__ = _refuse
+    clear = pop = popitem = setdefault = update = _refuse
 
 
 class DictView:
@@ -508,6 +524,7 @@ class HubSet(_Slotted, set[Any]):
 # Programs see the names of these classes in texts and messages.
 for _kind, _name in (
     (HubDict, "dict"),
+    (FixedDict, "dict"),
     (HubSet, "set"),
     (DictView, "dict_view"),
     (TableIterator, "iterator"),

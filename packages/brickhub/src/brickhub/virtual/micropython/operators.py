@@ -429,10 +429,16 @@ def _f_string(
     return format_value(value, spec)
 
 
+_MOST_TO_STR = 3
+"""Arguments that ``str()`` takes (`str_make_new` of ``py/objstr.c``)."""
+
+
 def _to_str(*args: Any) -> str:
     """``str(...)``; with more arguments, of bytes in UTF-8, whatever encoding they name."""
     if not args:
         return ""
+    if len(args) > _MOST_TO_STR:
+        raise TypeError(f"function expected at most {_MOST_TO_STR} arguments, got {len(args)}")
     return text(args[0]) if len(args) == 1 else as_bytes(args[0]).decode()
 
 

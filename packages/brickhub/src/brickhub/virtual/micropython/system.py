@@ -12,7 +12,7 @@ from typing import Any
 
 from brickhub.virtual import error_numbers
 from brickhub.virtual.micropython.builtins import cooked
-from brickhub.virtual.micropython.containers import HubDict
+from brickhub.virtual.micropython.containers import FixedDict, HubDict
 from brickhub.virtual.micropython.exceptions import ERROR_NAMES, HubOSError, ProgramInterrupt
 from brickhub.virtual.micropython.floats import to_single
 from brickhub.virtual.micropython.memory import BLOCK_BYTES
@@ -458,7 +458,9 @@ def gc_module(memory: Callable[[], tuple[int, int]]) -> ModuleType:
     def threshold(*size: int) -> int | None:
         if not size:
             return state["limit"]
-        (state["limit"],) = size
+        (limit_bytes,) = size
+        # The firmware counts it in blocks.
+        state["limit"] = limit_bytes // BLOCK_BYTES * BLOCK_BYTES if limit_bytes >= 0 else -1
         return None
 
     # CPython collects garbage by itself, so none of this changes what a program needs.
@@ -475,7 +477,7 @@ def gc_module(memory: Callable[[], tuple[int, int]]) -> ModuleType:
 
 def errno_module() -> ModuleType:
     names: dict[str, Any] = {name: code for code, name in ERROR_NAMES.items()}
-    names["errorcode"] = HubDict.in_order(ERROR_NAMES)
+    names["errorcode"] = FixedDict.of(ERROR_NAMES)
     return module("errno", names)
 
 
