@@ -11,7 +11,7 @@ from bricktwin.plans import ldraw_library
 from bricktwin.twin.body import NoiseSources, TwinBody
 from bricktwin.twin.engines.conventions import site_name
 from bricktwin.twin.engines.mujoco_engine import MujocoEngine
-from bricktwin.twin.models.kept_models import robot_model
+from bricktwin.twin.models.kept_models import model_stamps, robot_model
 from bricktwin.twin.physics import Physics, RandomPhysics
 from bricktwin.twin.scene import Scene
 
@@ -21,9 +21,10 @@ def _compiled(
     robot: Robot,
     scene: Scene,
     _looks: Path | None,
+    _stamps: tuple[tuple[str, int, int], ...],
 ) -> mujoco.MjModel:
     """Compiled model, cached because a new body is made often and a copy takes a tenth of the time.
-    An engine copies it."""
+    An engine copies it. The stamps are of its files, as somebody may go on drawing meanwhile."""
     return robot_model(robot, scene)
 
 
@@ -55,7 +56,7 @@ class MujocoBody(TwinBody):
         super().__init__(
             robot,
             scene,
-            MujocoEngine(_compiled(robot, scene, ldraw_library.folder())),
+            MujocoEngine(_compiled(robot, scene, ldraw_library.folder(), model_stamps(robot))),
             Physics() if isinstance(physics, RandomPhysics) else physics,
             NoiseSources(np.random.default_rng(noise_seed), np.random.default_rng(heading_seed)),
         )

@@ -71,6 +71,17 @@ def rover(tmp_path: Path) -> Robot:
     )
 
 
+def test_model_file_that_was_changed_is_read_again(rover: Robot) -> None:
+    """A page lives as long as its user draws."""
+    before = make_body(rover)
+    Path(str(rover.model)).write_text(ROVER_XML.replace('mass="0.4"', 'mass="0.9"'))
+    after = make_body(rover)
+    assert isinstance(before, MujocoBody)
+    assert isinstance(after, MujocoBody)
+    gained_kg = after.model.body_mass.sum() - before.model.body_mass.sum()
+    assert gained_kg == pytest.approx(0.5)
+
+
 def test_user_mjcf_robot_drives_to_wall(rover: Robot, tmp_path: Path) -> None:
     (tmp_path / "main.py").write_text(PROGRAM)
     body = make_body(rover, scene=Scene(wall_distance_mm=(600.0, 600.0)))

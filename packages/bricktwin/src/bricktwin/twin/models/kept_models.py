@@ -1,6 +1,7 @@
 """Kept models: compiled MuJoCo models of robots in their scenes, in MuJoCo's binary form, which
 loads in milliseconds."""
 
+import os
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
@@ -89,6 +90,22 @@ def _model_sources(robot: Robot) -> Iterator[bytes]:
     for path in paths:
         yield path.name.encode()
         yield path.read_bytes()
+
+
+def model_stamps(robot: Robot) -> tuple[tuple[str, int, int], ...]:
+    """Names, times (ns) and sizes (bytes) of a robot's model file and of what lies beside it with
+    the same suffix: they differ once somebody has changed its drawing."""
+    source = robot.model
+    path = None if source is None else plan_file(source) or Path(source)
+    if path is None or not path.is_file():
+        return ()
+    stamps: list[tuple[str, int, int]] = []
+    with os.scandir(path.parent) as entries:
+        for entry in entries:
+            if entry.name.endswith(path.suffix):
+                state = entry.stat()
+                stamps.append((entry.name, state.st_mtime_ns, state.st_size))
+    return tuple(sorted(stamps))
 
 
 def _library() -> Iterator[bytes]:
