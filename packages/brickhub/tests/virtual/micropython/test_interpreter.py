@@ -492,6 +492,29 @@ const(4)
     )
 
 
+def test_constants_stand_wherever_their_name_is_read() -> None:
+    """In whatever scope, from its line on (mpy-cross, and the firmware built for a computer)."""
+    source = """
+def before():
+    return LIMIT
+class A:
+    _N = const(4)
+    LIMIT = const(5)
+    def total(self, LIMIT):
+        return _N + LIMIT
+print(A().total(100), A.LIMIT, hasattr(A, "_N"))
+def f():
+    INNER = const(7)
+f()
+print(INNER)
+try:
+    before()
+except NameError as e:
+    print(e)
+"""
+    assert printed(source) == "9 5 False\n7\nname 'LIMIT' isn't defined"
+
+
 def test_program_can_import_itself() -> None:
     assert printed("import __main__\nx = 5\nprint(__main__.x, __name__)") == "5 __main__"
 

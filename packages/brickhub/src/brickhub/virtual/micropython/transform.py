@@ -229,9 +229,9 @@ class _Transformer(ast.NodeTransformer):
     ) -> None:
         self._recursive = recursive
         self._floats = floats
-        self._private: dict[str, ast.expr] = {}
-        """Values of names such as ``_SPEED = const(100)``, which exist for the hub's compiler
-        only."""
+        self._named: dict[str, ast.expr] = {}
+        """Values of names such as ``SPEED = const(100)``, which the hub's compiler puts in the
+        place of the name."""
         self._classes: set[str] = set()
         """Names of what ``type(...)`` returned."""
         self._globals: Collection[str] | None = None
@@ -245,9 +245,9 @@ class _Transformer(ast.NodeTransformer):
         return node if method is None else method(node)
 
     def visit_Name(self, node: ast.Name) -> ast.expr:
-        is_private = node.id in self._private and isinstance(node.ctx, ast.Load)
+        is_constant = node.id in self._named and isinstance(node.ctx, ast.Load)
         # Each place gets a copy, because a transformed node may be changed again.
-        return copy.deepcopy(self._private[node.id]) if is_private else node
+        return copy.deepcopy(self._named[node.id]) if is_constant else node
 
     def visit_Constant(self, node: ast.Constant) -> ast.expr:
         if type(node.value) is float:
@@ -432,12 +432,14 @@ class _Transformer(ast.NodeTransformer):
         if isinstance(target, ast.Name):
             constant = _argument_of_const(node.value) if is_single else None
             if constant is not None:
-                node.value = constant
-                # The constant stands wherever the name is read, and the name itself is in no
-                # namespace.
+                value = self.visit(constant)
+                # The constant stands wherever the name is read from here on, in whatever scope.
+                self._named[target.id] = value
+                # A private name itself is in no namespace.
                 if target.id.startswith("_"):
-                    self._private[target.id] = self.visit(constant)
                     return ast.copy_location(ast.Pass(), node)
+                node.value = copy.deepcopy(value)
+                return node
             if isinstance(node.value, ast.Call) and called_name(node.value) == "type":
                 self._classes.add(target.id)
         self.generic_visit(node)
