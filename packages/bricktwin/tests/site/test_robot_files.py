@@ -223,11 +223,12 @@ from bricktwin.site.tab.robot_file import body_in_tab
 folder, = ARGUMENTS
 asked = json.load(open(f"{folder}/asked.json"))
 physics = read_plain(asked["physics"])
-answers = {"positions": {}}
+answers = {"starts": {}, "positions": {}}
 
 for name, file in asked["files"].items():
     handle = start_engine(json.dumps(file))
     body = body_in_tab(file, handle, physics)
+    answers["starts"][name] = list(body.engine.qpos)
     positions = answers["positions"][name] = []
     for time_ms in range(10, 1001, 10):
         tab_motion.drive(body, time_ms)
@@ -294,6 +295,12 @@ def test_tab_needs_neither_numpy_nor_mujoco(answers: dict[str, Any]) -> None:
 @pytest.mark.parametrize("name", ["scout", "six-legs"])
 def test_robot_moves_in_javascript_as_in_python(name: str, answers: dict[str, Any]) -> None:
     body = on_mujoco(answers["files"][name], physics=QUIET)
+    start = answers["starts"][name]
+    assert start == pytest.approx(list(body.engine.qpos), abs=1e-6)
+    # What is compared is the motion from one start, to the last digit.
+    for address, position in enumerate(start):
+        body.engine.qpos[address] = position
+    body.engine.forward()
     for number, positions in enumerate(answers["positions"][name], 1):
         tab_motion.drive(body, 10 * number)
         body.advance_to(10 * number)
