@@ -17,6 +17,7 @@ from torchrl.envs.utils import ExplorationType, exploration_type
 from brickhub.entry import Entry
 from brickhub.search import approach, oscillators
 from brickhub.search.oscillators import TURN_DEG
+from brickhub.search.structure import HubStructure
 from brickhub.user_files import is_reference, load_object
 from bricksrl.agents.features.encoder import encoder_keys, make_encoder
 from bricksrl.agents.networks import action_size
@@ -214,7 +215,12 @@ def make_structure(env: EnvBase, name: str) -> Structure:
 
 class StructuredActor(nn.Module):
     """A structure that acts by the numbers under trial when it explores, else by the best ones
-    known."""
+    known.
+
+    Attributes:
+        trial, best: these numbers ``[p]``.
+        is_trial, acted_by: whether it explored when it acted last, and the numbers ``[p]`` then.
+    """
 
     trial: Tensor
     best: Tensor
@@ -228,12 +234,22 @@ class StructuredActor(nn.Module):
         self.structure = structure
         self.register_buffer("trial", start.clone())
         self.register_buffer("best", start.clone())
+        self.is_trial = False
+        self.acted_by = start
 
     def forward(self, observation: Tensor) -> Tensor:
         """Action ``[*batch, m]``."""
-        is_trial = exploration_type() is ExplorationType.RANDOM
-        numbers = self.trial if is_trial else self.best
+        self.is_trial = exploration_type() is ExplorationType.RANDOM
+        numbers = self.trial if self.is_trial else self.best
+        self.acted_by = numbers
         # copies of a robot try the same numbers
         numbers_of_batch = numbers.expand(*observation.shape[:-1], -1)
         action = self.structure(observation, numbers_of_batch)
         return action.clamp(-1.0, 1.0)
+
+
+def hub_structure(actor: nn.Module) -> HubStructure | None:
+    """What a hub acts by as an actor does; ``None`` for one that no hub knows."""
+    structure = actor.structure if isinstance(actor, StructuredActor) else None
+    single = getattr(structure, "single", None)
+    return single if hasattr(single, "hub_source") else None
