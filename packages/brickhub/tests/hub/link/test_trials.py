@@ -271,3 +271,50 @@ def test_every_write_and_notification_of_a_trial_fits() -> None:
 def test_a_program_of_its_own_acts_by_the_same_formula() -> None:
     source = source_by(structure_for(WALKER, WALKING), NUMBERS)
     assert "NUMBERS = (-0.5, 180, 90, 200,)" in source
+
+
+def test_steps_of_a_trial_come_one_at_a_time_and_the_next_trial_follows() -> None:
+    hub, link = linked(link=PROFILES["mac"], seed=1)
+    with link:
+        first = [link.step(NUMBERS, 3) for _ in range(3)]
+        assert link.writes == 1 and link.state is LinkState.READY
+        assert hub.turned_mdeg(500) < STILL_MDEG, "the motors stand after the last step"
+        then = [link.step(NUMBERS, 2) for _ in range(2)]
+        assert link.writes == 2
+    times_ms = [reading.hub_time_ms for reading in first]
+    assert times_ms[2] - times_ms[0] == pytest.approx(500, abs=20)
+    assert then[0].hub_time_ms - times_ms[2] > 500
+
+
+def test_reading_within_a_trial_ends_it() -> None:
+    hub, link = linked()
+    with link:
+        link.step(NUMBERS, 20)
+        assert hub.turned_mdeg(200) > 20_000
+        link.read()
+        assert hub.turned_mdeg(800) < STILL_MDEG
+        link.step(NUMBERS, 2)
+        assert link.writes == 2, "the next step is that of a new trial"
+
+
+def test_a_trial_that_tilts_has_no_further_steps() -> None:
+    hub, link = linked()
+    with link:
+        link.step(NUMBERS, 8)
+        hub.tilt = (40.0, 0.0)
+        assert link.step(NUMBERS, 8).values[4] == 40.0
+        assert link.step(NUMBERS, 8).values[4] == 40.0
+        assert link.writes == 2
+        assert hub.turned_mdeg(500) < STILL_MDEG
+
+
+def test_a_lost_observation_is_an_error_of_its_trial() -> None:
+    hub, link = linked()
+    with link:
+        link.step(NUMBERS, 4)
+        lost = iter([True])
+        hub.loses = iter(lambda: next(lost, False), None)
+        with pytest.raises(HubTimeoutError, match="an observation of a trial was lost"):
+            for _ in range(3):
+                link.step(NUMBERS, 4)
+        assert link.step(NUMBERS, 4).values

@@ -11,7 +11,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
 from brickhub.entry import Entry
-from brickhub.errors import HubError
+from brickhub.errors import HubError, HubTimeoutError
 from brickhub.hub import protocol
 from brickhub.hub.interface import Interface
 from brickhub.hub.link.lockstep import HubLink
