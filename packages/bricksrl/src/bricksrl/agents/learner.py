@@ -147,6 +147,11 @@ class Learner:
         """End the current episode of a robot, or of all: the next frame does not follow from the
         last."""
 
+    @property
+    def needs_hub(self) -> bool:
+        """Whether its policy is of no use but on the robot's hub: an exchange takes too long."""
+        return False
+
     def use_hub_of(self, env: EnvBase) -> str:
         """Let the robot's hub do what it can of the acting. Returns a line that says how the robot
         acts, or "" if the computer acts step by step, as for most agents."""

@@ -25,8 +25,8 @@ class HubPolicy:
         numbers: its numbers ``[p]``, with their ranges.
         source: MicroPython that defines ``act_by(observed, numbers)``.
         tilt_deg: pitch or roll that ends a trial.
-        next_trial: numbers ``[p]`` and steps of a trial that begins; ``None`` steps for as many as a
-            hub makes.
+        next_trial: numbers ``[p]`` and steps of a trial that begins; ``None`` steps for as many as
+            a hub makes.
     """
 
     numbers: tuple[Entry, ...]
@@ -55,6 +55,4 @@ def by_steps_because(task: Task, options: EnvOptions) -> str:
         return "transforms are between the robot and its agent"
     if list(task.observed_channels) != list(range(len(channels))):
         return "it does not observe all that its hub measures"
-    if any(channel.accumulates for channel in channels):
-        return "it observes what counts from the start of an episode"
     return ""

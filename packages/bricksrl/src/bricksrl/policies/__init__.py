@@ -61,6 +61,8 @@ def load_policy(
             learner = load_shared(path, trained)
         else:
             learner = load_learner(path, trained, which=which).learner
+        if learner.needs_hub:
+            learner.use_hub_of(trained)
         # Whoever gave no transforms gives what the robot observes, and the policy transforms it.
         takes_own = trained is not base and (base is env or given is None)
         if takes_own:

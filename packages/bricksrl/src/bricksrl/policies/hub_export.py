@@ -21,7 +21,7 @@ from brickhub.virtual.interpreter import execute
 from brickhub.virtual.machine import Machine
 from brickhub.virtual.micropython.exceptions import HostStop
 from brickhub.virtual.pybricks import modules
-from bricksrl.agents.search.structures import Approach, Oscillators, StructuredActor
+from bricksrl.agents.search.structures import hub_structure
 from bricksrl.envs.env_interface import interface_of
 from bricksrl.envs.make import make
 from bricksrl.envs.odometry import Odometer, SonarOdometer, TrueOdometer
@@ -216,9 +216,10 @@ def _export(
     )
     before = [episode.return_ for episode in played]
     age_ms = _age_ms(ends_s, task.interface.settle.fixed_ms)
-    if isinstance(actor, StructuredActor) and isinstance(actor.structure, Oscillators | Approach):
+    single = None if actor is None else hub_structure(actor)
+    if single is not None:
         kind = "gait"
-        source = source_by(actor.structure.single, actor.best.tolist())
+        source = source_by(single, actor.best.tolist())
     else:
         kind = "network"
         observed = task.entries[: len(channels) + len(task.sampled_entries)]

@@ -205,6 +205,7 @@ def generate_alone(
     goal_imports, goal_part = _goals(goals)
     constants = [
         *_step_constants(interface),
+        _counting(interface, observed),
         f"AGE_MS = {age_ms}  # age of an observation when its commands start",
         "# Middle and half of each command's range, times its scale.",
         f"SPANS = {_spans(interface)}",
@@ -218,6 +219,7 @@ def generate_alone(
         _observe(interface, observed, " + goals()" if goals else ""),
         policy,
         _onboard("moves")[1],
+        _onboard("relative")[1],
         alone,
     ]
     end = f"It acts by itself, by {origin}, until the center button is pressed."
@@ -273,6 +275,7 @@ def generate_trials(
         *_step_constants(interface),
         "# Middle and half of each command's range, times its scale.",
         f"SPANS = {_spans(interface)}",
+        _counting(interface, range(len(interface.channels))),
         f"LIMITS = {tuple(limits)}  # index of a tilt, and where it ends a trial",
         f"LONGEST_MS = {LONGEST_TRIAL_MS}  # of a trial",
         f"END_MS = {END_MS}  # silence between trials that ends the program",
@@ -288,6 +291,7 @@ def generate_trials(
         policy,
         _onboard("moves")[1],
         _onboard("frames")[1],
+        _onboard("relative")[1],
         trials,
     ]
     end = "It makes trials by itself, by numbers that it is told."
@@ -298,6 +302,14 @@ def generate_trials(
 def _input(pipe: Pipe) -> tuple[list[str], str]:
     """Import lines and body of what talks to the host."""
     return _onboard({Pipe.STDIN: "stdio", Pipe.APP_DATA: "app_data"}[pipe])
+
+
+def _counting(interface: Interface, observed: Sequence[int]) -> str:
+    """Line with the places of what counts on, among what a policy observes, which takes it from its
+    own start."""
+    channels = interface.channels
+    places = [place for place, index in enumerate(observed) if channels[index].accumulates]
+    return f"COUNTING = {tuple(places)}  # places of what counts from the start of the acting"
 
 
 def _spans(interface: Interface) -> tuple[tuple[float, float], ...]:

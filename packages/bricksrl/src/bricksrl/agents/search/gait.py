@@ -39,8 +39,8 @@ class GaitSettings:
     """Settings of policy search."""
 
     structure: Annotated[str, NotCode(tuple(STRUCTURES))] = ""
-    """oscillators (legs held at phases), approach (a speed by a distance), linear (feedback), or
-    FILE.py:NAME; by default oscillators where there are legs."""
+    """oscillators (legs held at phases), approach (a speed by a distance), upright (two wheels in
+    balance), linear (feedback), or FILE.py:NAME; by default oscillators where there are legs."""
     trial_steps: Annotated[int, Range(1)] = 10
     """Steps of a trial."""
     settle_steps: Annotated[int, NotNegative] = 3
@@ -56,6 +56,9 @@ class GaitSettings:
     """Pitch or roll that ends a trial at once; it then scores no more than the worst trial, as one
     that ends without success."""
 
+    falls_late: bool = False
+    """Whether a trial that ends early is as good as its steps, and each that it lacks counts as 0:
+    where to fall late is better than soon. Else it is no better than the worst trial."""
     on_hub: bool = True
     """Whether the hub makes each trial by itself, where it can; else this computer sends each
     step's commands."""
@@ -105,6 +108,11 @@ class PolicySearch(Learner):
         self.actor.trial.copy_(torch.tensor(self.search.ask()))
         self.actor.best.copy_(torch.tensor(self.search.best))
 
+    @property
+    def needs_hub(self) -> bool:
+        """Whether the structure is of no use but on the robot's hub."""
+        return bool(getattr(self.actor.structure, "needs_hub", False))
+
     def use_hub_of(self, env: EnvBase) -> str:
         """Let the robot's hub make each trial by itself, if it can. Returns a line that says so, or
         why not."""
@@ -129,6 +137,10 @@ class PolicySearch(Learner):
         most = most_steps(ours.task.interface)
         if self.settings.trial_steps > most:
             return f"a hub makes {most} of these steps in a trial at most"
+        counts_on = any(channel.accumulates for channel in ours.task.interface.channels)
+        # A hub counts from the start of a trial, and an environment from that of an episode.
+        if counts_on and self.settings.trial_steps < ours.task.max_steps:
+            return "it observes what counts from the start of an episode"
         return ""
 
     def _hub_policy(self) -> HubPolicy:
@@ -170,9 +182,17 @@ class PolicySearch(Learner):
                 has_failed = not bool(self.succeeds(observation[..., None, :]).all())
             is_whole = len(self.rewards) == self.settings.trial_steps
             if has_failed or ended or is_whole:
-                score = trial_score(self.rewards, self.settings.settle_steps)
-                self.search.tell(score, has_failed=has_failed)
+                self._tell(has_failed=has_failed)
                 self.end_episodes()
+
+    def _tell(self, *, has_failed: bool) -> None:
+        """Tell the search the score of the trial."""
+        settings = self.settings
+        if settings.falls_late:
+            self.search.tell(sum(self.rewards) / settings.trial_steps)
+            return
+        score = trial_score(self.rewards, settings.settle_steps)
+        self.search.tell(score, has_failed=has_failed)
 
     def end_episodes(self, robot: int | None = None) -> None:
         """Drop the present trial, if any: what follows does not follow from it."""

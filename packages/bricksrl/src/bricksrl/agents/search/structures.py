@@ -15,7 +15,7 @@ from torchrl.envs import EnvBase
 from torchrl.envs.utils import ExplorationType, exploration_type
 
 from brickhub.entry import Entry
-from brickhub.search import approach, oscillators
+from brickhub.search import approach, oscillators, upright
 from brickhub.search.oscillators import TURN_DEG
 from brickhub.search.structure import HubStructure
 from brickhub.user_files import is_reference, load_object
@@ -110,6 +110,35 @@ class Approach(nn.Module):
         return gain * way_mm / self.single.top_mm_s
 
 
+class Upright(nn.Module):
+    """Keeping upright on two wheels: `brickhub.search.upright` for batches.
+
+    Args:
+        single: the same for one robot.
+
+    Attributes:
+        needs_hub: that a robot falls sooner than an exchange with its hub takes.
+    """
+
+    needs_hub = True
+
+    def __init__(self, single: upright.Upright) -> None:
+        super().__init__()
+        self.single = single
+        self.numbers = single.numbers
+
+    def forward(
+        self,
+        observation: Tensor,
+        numbers: Tensor,
+    ) -> Tensor:
+        leans = observation[..., :4].clone()
+        leans[..., 0] -= numbers[..., 0]
+        percent = (leans * numbers[..., 1:]).sum(-1, keepdim=True)
+        # Both wheels turn alike.
+        return (percent / 100).expand(*percent.shape[:-1], 2)
+
+
 def _constant(values: Sequence[float]) -> nn.Buffer:
     """A tensor that moves with its module and is not in its state."""
     return nn.Buffer(torch.tensor(values), persistent=False)
@@ -143,6 +172,16 @@ def make_approach(env: EnvBase) -> Approach:
     if task is None or not is_plain or len(task.entries) != 1:
         raise DescriptionError("an approach observes one distance, and nothing else")
     return Approach(approach.approach(task.interface))
+
+
+def make_upright(env: EnvBase) -> Upright:
+    """Keeping upright for an environment with the voltages of two wheels. Raises DescriptionError
+    for any other."""
+    task = interface_of(env).task
+    is_plain = layout_of(env).keys == ["observation"] and keeps_actions(env)
+    if task is None or not is_plain:
+        raise DescriptionError("keeping upright is learned on a robot itself, without transforms")
+    return Upright(upright.upright(task.interface))
 
 
 class Linear(nn.Module):
@@ -188,6 +227,7 @@ def linear(env: EnvBase) -> Linear:
 STRUCTURES: dict[str, Callable[[EnvBase], Structure]] = {
     "oscillators": make_oscillators,
     "approach": make_approach,
+    "upright": make_upright,
     "linear": linear,
 }
 """Structures by name."""
@@ -200,8 +240,8 @@ def make_structure(env: EnvBase, name: str) -> Structure:
         return STRUCTURES[name](env)
     if name and not is_reference(name):
         raise UnknownNameError(
-            f"there is no structure '{name}'{hint(name, STRUCTURES)}; choose oscillators, "
-            "approach, linear or a file"
+            f"there is no structure '{name}'{hint(name, STRUCTURES)}; choose "
+            f"{', '.join(STRUCTURES)} or a file"
         )
     if name:
         made: Structure = load_object(name, "make_structure")(env)

@@ -49,6 +49,13 @@ _BEYOND = {
 to which it tips."""
 
 
+ON_ONE_AXLE = (
+    "it stands on one axle alone, and falls unless its motors keep it upright: let it learn that "
+    "(`bricksrl learn PLAN:upright`), or add a caster"
+)
+"""What is said of a robot that has to keep its balance."""
+
+
 @dataclass(frozen=True)
 class Balance:
     """Balance of a robot.
@@ -62,6 +69,8 @@ class Balance:
         tilt_deg: how far the robot tips as it was drawn.
         largest_tilt_deg: how far at most in one turn of its legs, at the phases of the plan.
         on_wheels: whether it has wheels; else it stands on its feet.
+        lean_deg: for a robot that stands on the wheels of one axle alone: how far it leans, nose
+            down, when its centre of mass is above the axle; ``None`` for any other.
     """
 
     mass_g: float
@@ -71,10 +80,19 @@ class Balance:
     tilt_deg: float
     largest_tilt_deg: float
     on_wheels: bool
+    lean_deg: float | None = None
+
+    @property
+    def keeps_upright(self) -> bool:
+        """Whether it stands on one axle alone, so that its motors have to keep it upright."""
+        return self.lean_deg is not None
 
     @property
     def fault(self) -> str | None:
-        """Why it does not stand, and what to do; ``None`` if it does."""
+        """Why it does not stand, and what to do; ``None`` if it does, or keeps upright by its
+        motors."""
+        if self.keeps_upright:
+            return None
         beyond, remedy = _BEYOND[self.side]
         stands_on = "wheels" if self.on_wheels else "feet"
         place = f"{-self.inside_mm:.0f} mm {beyond} {stands_on}"
@@ -91,9 +109,13 @@ class Balance:
     @property
     def findings(self) -> list[Finding]:
         """That as a finding of a check; empty if it stands."""
+        if self.keeps_upright:
+            return [Finding("balance", Outcome.WARNING, ON_ONE_AXLE)]
         return [] if self.fault is None else [Finding("balance", Outcome.ERROR, self.fault)]
 
     def __str__(self) -> str:
+        if self.keeps_upright:
+            return f"its centre of mass is {self.height_mm:.0f} mm high, above one axle"
         inside = f"{self.inside_mm:.0f} mm inside of" if self.inside_mm >= 0 else "beyond"
         stands_on = "wheels" if self.on_wheels else "feet"
         return f"its centre of mass is {self.height_mm:.0f} mm high, {inside} its {stands_on}"
@@ -125,7 +147,31 @@ def balance_of(planned: PlannedRobot) -> Balance | None:
         tilt_deg=drawn.tilt_deg,
         largest_tilt_deg=worst.tilt_deg,
         on_wheels=bool(articulation.wheels),
+        lean_deg=_lean_deg(planned, shapes),
     )
+
+
+def _lean_deg(planned: PlannedRobot, shapes: Sequence[Shape]) -> float | None:
+    """How far a robot leans, nose down, in balance on one axle; ``None`` if it stands on more."""
+    wheels = planned.articulation.wheels
+    if len(wheels) < 2:
+        return None
+    axle_x_m, _, axle_z_m = wheels[0].centre_m
+    are_on_axle = all(abs(wheel.centre_m[0] - axle_x_m) < _TOUCHING_M for wheel in wheels)
+    contacts_m = np.concatenate([_contacts_m(shape) for shape in shapes])  # [n, 3]
+    lowest_m = contacts_m[:, 2].min()
+    touching_m = contacts_m[contacts_m[:, 2] < lowest_m + _TOUCHING_M]
+    # What else is as low as the wheels bears the robot too.
+    stands_on_more = bool((abs(touching_m[:, 0] - axle_x_m) > _TOUCHING_M).any())
+    if not are_on_axle or stands_on_more:
+        return None
+    centre_m = _centre_m(planned, turns_of(planned), pose=0)
+    above_m = float(centre_m[2] - axle_z_m)
+    # A centre below the axle is at rest there: it needs nobody to keep it upright.
+    if above_m <= 0:
+        return None
+    # Nose up brings what is ahead back above the axle.
+    return -math.degrees(math.atan2(float(centre_m[0] - axle_x_m), above_m))
 
 
 class _Stance(NamedTuple):

@@ -2,9 +2,9 @@
 it to what it needs.
 
 The names in capitals, ``observe``, ``act`` and ``start_moves`` are defined before; ``stop_motors``
-in ``moves.py``. The center button ends the program, as it does by default, and then the motors
-stop. Each step prints a line: how long the program has computed (ms), the observation, and the
-commands times their scales.
+in ``moves.py``, ``relative`` in ``relative.py``. The center button ends the program, as it does by
+default, and then the motors stop. Each step prints a line: how long the program has computed (ms),
+the observation, and the commands times their scales.
 """
 # mypy: ignore-errors
 # ruff: noqa: F821, B905
@@ -29,9 +29,10 @@ def settle(started_ms):
 
 def live():
     """Observe, act and wait, step by step."""
+    first = observe()
     try:
         while True:
-            observed = observe()
+            observed = relative(observe(), first)
             seen_ms = CLOCK.time()
             commands = [
                 round(middle + half * action)
