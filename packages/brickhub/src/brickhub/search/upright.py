@@ -1,8 +1,10 @@
 """Keeping upright on two wheels, an inverted pendulum: the wheels get a share of the battery's
-voltage by linear feedback of pitch, pitch rate, and the wheels' angle and speed.
+voltage in proportion to how far the robot is off its balance.
 
-Who falls forwards has to drive forwards, and who has rolled forwards, too: only so does the robot
-lean back. So no gain is negative.
+That is linear feedback of pitch, pitch rate, and the wheels' angle and speed. Who falls forwards
+has to drive forwards, and who has rolled forwards, too: only so does the robot lean back. So no
+number but the lean is negative. All but one are in degrees of pitch, and that one is the gain of
+their sum, so that a search can find them one by one.
 """
 
 from collections.abc import Callable, Sequence
@@ -23,12 +25,15 @@ from brickhub.search.structure import formula_source
 
 _keep_upright: Callable[..., float] = keep_upright
 _CHANNELS: tuple[type[Channel], ...] = (Pitch, PitchRate, WheelsAngle, WheelsSpeed)
-_MOST_BY_PITCH = 40.0
-"""Beyond it all of the voltage is for 2.5 degrees, and a robot only trembles."""
-_MOST_BY_RATE = 2.0
-_MOST_BY_ANGLE = 0.2
-_MOST_BY_SPEED = 0.2
-"""A LEGO motor turns by some 10 deg/s for each percent: beyond twice that, it runs away."""
+_GAINS = (2.0, 40.0)
+"""Below, a robot falls from where a hand holds it; beyond, it trembles: all of the voltage is for
+2.5 degrees."""
+_MOST_AHEAD_S = 0.1
+"""In that time, a robot of LEGO's height falls twice as far."""
+_MOST_BY_ANGLE = 0.03
+"""After a turn of the wheels it leans by 10 degrees."""
+_MOST_BY_SPEED = 0.03
+"""At a turn of the wheels in a second it leans by 10 degrees."""
 
 
 class Upright:
@@ -42,10 +47,10 @@ class Upright:
     def __init__(self, most_lean_deg: float) -> None:
         self.numbers: tuple[Entry, ...] = (
             Entry("lean", -most_lean_deg, most_lean_deg, "deg"),
-            Entry("by_pitch", 0.0, _MOST_BY_PITCH, "%/deg"),
-            Entry("by_rate", 0.0, _MOST_BY_RATE, "%/(deg/s)"),
-            Entry("by_angle", 0.0, _MOST_BY_ANGLE, "%/deg"),
-            Entry("by_speed", 0.0, _MOST_BY_SPEED, "%/(deg/s)"),
+            Entry("gain", *_GAINS, "%/deg"),
+            Entry("ahead", 0.0, _MOST_AHEAD_S, "s"),
+            Entry("by_angle", 0.0, _MOST_BY_ANGLE, "deg/deg"),
+            Entry("by_speed", 0.0, _MOST_BY_SPEED, "deg/(deg/s)"),
         )
 
     def act(

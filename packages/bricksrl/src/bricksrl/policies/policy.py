@@ -171,8 +171,6 @@ def named_policies(
 
     def first() -> Player:
         learner = untrained_learner(run_dir, env)
-        if learner.needs_hub:
-            learner.use_hub_of(env)
         return player(Policy(learner.policy, env))
 
     named = {"random": lambda: random_player(env, seed)}

@@ -151,7 +151,11 @@ class PolicySearch(Learner):
         actor = next(one for one in self.acting.modules() if isinstance(one, StructuredActor))
 
         def next_trial() -> tuple[list[float], int | None]:
-            return actor.acted_by.tolist(), self.settings.trial_steps if actor.is_trial else None
+            numbers: list[float] = []
+            for number, entry in zip(actor.acted_by.tolist(), single.numbers, strict=True):
+                # In 32 bits, an end of a range may be a little beyond it.
+                numbers.append(min(max(number, entry.low), entry.high))
+            return numbers, self.settings.trial_steps if actor.is_trial else None
 
         return HubPolicy(
             single.numbers,

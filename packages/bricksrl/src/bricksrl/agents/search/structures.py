@@ -132,9 +132,11 @@ class Upright(nn.Module):
         observation: Tensor,
         numbers: Tensor,
     ) -> Tensor:
-        leans = observation[..., :4].clone()
-        leans[..., 0] -= numbers[..., 0]
-        percent = (leans * numbers[..., 1:]).sum(-1, keepdim=True)
+        pitch_deg, rate_deg_s, angle_deg, speed_deg_s = observation[..., :4].split(1, -1)
+        lean_deg, gain, ahead_s, by_angle, by_speed = numbers.split(1, -1)
+        off_deg = pitch_deg - lean_deg + ahead_s * rate_deg_s
+        off_deg = off_deg + by_angle * angle_deg + by_speed * speed_deg_s
+        percent = gain * off_deg
         # Both wheels turn alike.
         return (percent / 100).expand(*percent.shape[:-1], 2)
 

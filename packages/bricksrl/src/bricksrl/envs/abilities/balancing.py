@@ -23,10 +23,10 @@ _FALLEN_DEG = 35.0
 """The hub ends a trial there, too."""
 _MOST_LEAN_DEG = 15.0
 """So far off upright, the wheels cannot get below the robot any more."""
-_HELD_DEG = 2.0
-"""A hand holds it upright so well."""
+_HELD_DEG = 1.0
+"""A hand that feels the balance holds it so well."""
 _FAR_DEG = 360.0
-"""A turn of the wheels away, the reward is a third of the best."""
+"""A turn of the wheels away, the half of the reward that is for staying is a third of its best."""
 
 
 def keep_upright(drawn: DrawnRobot) -> Task:
@@ -87,8 +87,9 @@ def _nearness(
     _action: Tensor,
     observation: Tensor,
 ) -> Tensor:
-    """Nearness to where the robot began, 1 at best; ``[*batch, 1]``."""
-    return (-observation[..., 2:3].abs() / _FAR_DEG).exp()
+    """Half for being upright, and half for nearness to where the robot began; ``[*batch, 1]``."""
+    near = (-observation[..., 2:3].abs() / _FAR_DEG).exp()
+    return (1.0 + near) / 2.0
 
 
 def _has_fallen(observation: Tensor) -> Tensor:

@@ -35,7 +35,7 @@ ABILITIES = {
             "keep upright on two wheels",
             keep_upright,
             agent="gait",
-            episodes=40,
+            episodes=30,
         ),
         Ability(
             "stop",
