@@ -13,7 +13,7 @@ from bricksrl.envs.task import Task, Tensor
 from bricksrl.errors import DescriptionError
 from bricktwin.plans.planned_robot import planned_robot
 from bricktwin.robots.as_drawn import DrawnRobot
-from bricktwin.twin.models.balance import balance_of
+from bricktwin.twin.models.balance import lean_on_one_axle_deg
 from bricktwin.twin.scene import Scene
 
 _STEP_MS = 20
@@ -33,22 +33,21 @@ def keep_upright(drawn: DrawnRobot) -> Task:
     """Keep upright on two wheels, and stay there. Raises DescriptionError without a drive base, for
     a robot that stands by itself, or whose hub does not measure how it leans."""
     base = drawn.robot.drive_base
-    balance = balance_of(planned_robot(drawn.path))
-    if base is None or balance is None:
+    if base is None:
         raise DescriptionError("it has no two driven wheels on one axle")
-    if balance.lean_deg is None:
+    lean_deg = lean_on_one_axle_deg(planned_robot(drawn.path))
+    if lean_deg is None:
         raise DescriptionError("it stands by itself")
-    if abs(balance.lean_deg) > _MOST_LEAN_DEG:
-        side = "in front of" if balance.lean_deg < 0 else "behind"
+    if abs(lean_deg) > _MOST_LEAN_DEG:
+        side = "in front of" if lean_deg < 0 else "behind"
         raise DescriptionError(
             f"its centre of mass is too far {side} its axle: it is in balance at "
-            f"{abs(balance.lean_deg):.0f} degrees; move the hub until that is above the wheels"
+            f"{abs(lean_deg):.0f} degrees; move the hub until it is above the wheels"
         )
     if not drawn.robot.needs_imu:
         has_imu = drawn.robot.hub.model.has_imu
         remedy = "put the hub in straight" if has_imu else "take a hub that has one"
         raise DescriptionError(f"no gyroscope measures how it leans; {remedy}")
-    lean_deg = balance.lean_deg
     return Task(
         id="Upright-v0",
         doc=f"{drawn.robot.name} keeps upright on its two wheels, and stays where it is.",

@@ -5,6 +5,7 @@ A robot that is put down level rolls, over whatever of it touches the floor, as 
 of mass comes lower so. All is at rest: what legs do by their speed is left to the twin.
 """
 
+import functools
 import itertools
 import math
 from collections.abc import Iterator, Sequence
@@ -49,13 +50,6 @@ _BEYOND = {
 to which it tips."""
 
 
-ON_ONE_AXLE = (
-    "it stands on one axle alone, and falls unless its motors keep it upright: let it learn that "
-    "(`bricksrl learn PLAN:upright`), or add a caster"
-)
-"""What is said of a robot that has to keep its balance."""
-
-
 @dataclass(frozen=True)
 class Balance:
     """Balance of a robot.
@@ -83,24 +77,21 @@ class Balance:
     lean_deg: float | None = None
 
     @property
-    def keeps_upright(self) -> bool:
-        """Whether it stands on one axle alone, so that its motors have to keep it upright."""
-        return self.lean_deg is not None
-
-    @property
     def fault(self) -> str | None:
-        """Why it does not stand, and what to do; ``None`` if it does, or keeps upright by its
-        motors."""
-        if self.keeps_upright:
-            return None
+        """Why it does not stand, and what to do; ``None`` if it does."""
         beyond, remedy = _BEYOND[self.side]
         stands_on = "wheels" if self.on_wheels else "feet"
         place = f"{-self.inside_mm:.0f} mm {beyond} {stands_on}"
         where = f"its centre of mass, {self.height_mm:.0f} mm high, is {place}"
+        upright = ""
+        if self.lean_deg is not None:
+            upright = ", or let it learn to keep upright"
         if self.tilt_deg > TIPS_DEG:
             support = "add a caster" if self.on_wheels else "make its feet longer there"
             tips = f"tips over {self.side} by {self.tilt_deg:.0f} degrees"
-            return f"it {tips}: {where}; move the hub {remedy}, or {support}"
+            return f"it {tips}: {where}; move the hub {remedy}, or {support}{upright}"
+        if self.lean_deg is not None:
+            return f"it stands on one axle alone, and falls; add a caster{upright}"
         if self.largest_tilt_deg > FALLS_DEG:
             tips = f"falls {self.side} while its legs turn ({self.mass_g:.0f} g)"
             return f"it {tips}: {where}; make its feet wider there, or its legs shorter"
@@ -109,13 +100,13 @@ class Balance:
     @property
     def findings(self) -> list[Finding]:
         """That as a finding of a check; empty if it stands."""
-        if self.keeps_upright:
-            return [Finding("balance", Outcome.WARNING, ON_ONE_AXLE)]
-        return [] if self.fault is None else [Finding("balance", Outcome.ERROR, self.fault)]
+        if self.fault is None:
+            return []
+        # Who falls by itself may be kept upright by its motors.
+        outcome = Outcome.ERROR if self.lean_deg is None else Outcome.WARNING
+        return [Finding("balance", outcome, self.fault)]
 
     def __str__(self) -> str:
-        if self.keeps_upright:
-            return f"its centre of mass is {self.height_mm:.0f} mm high, above one axle"
         inside = f"{self.inside_mm:.0f} mm inside of" if self.inside_mm >= 0 else "beyond"
         stands_on = "wheels" if self.on_wheels else "feet"
         return f"its centre of mass is {self.height_mm:.0f} mm high, {inside} its {stands_on}"
@@ -147,15 +138,19 @@ def balance_of(planned: PlannedRobot) -> Balance | None:
         tilt_deg=drawn.tilt_deg,
         largest_tilt_deg=worst.tilt_deg,
         on_wheels=bool(articulation.wheels),
-        lean_deg=_lean_deg(planned, shapes),
+        lean_deg=lean_on_one_axle_deg(planned),
     )
 
 
-def _lean_deg(planned: PlannedRobot, shapes: Sequence[Shape]) -> float | None:
-    """How far a robot leans, nose down, in balance on one axle; ``None`` if it stands on more."""
-    wheels = planned.articulation.wheels
-    if len(wheels) < 2:
+@functools.lru_cache(maxsize=16)
+def lean_on_one_axle_deg(planned: PlannedRobot) -> float | None:
+    """How far a robot leans, nose down, in balance on the wheels of one axle; ``None`` if it stands
+    on more, or on the table."""
+    articulation = planned.articulation
+    wheels = articulation.wheels
+    if articulation.is_fixed or len(wheels) < 2:
         return None
+    shapes = [*feet_of(planned), *_outer(list(shapes_of(planned, 0))), *_wheels(planned)]
     axle_x_m, _, axle_z_m = wheels[0].centre_m
     are_on_axle = all(abs(wheel.centre_m[0] - axle_x_m) < _TOUCHING_M for wheel in wheels)
     contacts_m = np.concatenate([_contacts_m(shape) for shape in shapes])  # [n, 3]
@@ -172,6 +167,27 @@ def _lean_deg(planned: PlannedRobot, shapes: Sequence[Shape]) -> float | None:
         return None
     # Nose up brings what is ahead back above the axle.
     return -math.degrees(math.atan2(float(centre_m[0] - axle_x_m), above_m))
+
+
+IN_THE_AIR = (
+    "its driven wheels do not touch the floor, as something else is lower; take larger wheels, or "
+    "put what is lower higher"
+)
+"""What is said of wheels that turn in the air."""
+
+
+def turns_wheels_in_the_air(planned: PlannedRobot) -> bool:
+    """Whether a robot has driven wheels, and none of them touches the floor where it comes to
+    rest."""
+    driven = {wheel.part for _, wheel in planned.rolling}
+    if planned.articulation.is_fixed or not driven:
+        return False
+    wheels = list(_wheels(planned))
+    shapes = [*feet_of(planned), *_outer(list(shapes_of(planned, 0))), *wheels]
+    down = _rest(shapes, _centre_m(planned, turns_of(planned), pose=0))[None]
+    lowest_m = max(float(shape.reach_m(down)[0]) for shape in shapes)
+    heights_m = [lowest_m - float(one.reach_m(down)[0]) for one in wheels if one.part in driven]
+    return min(heights_m, default=0.0) > _TOUCHING_M
 
 
 class _Stance(NamedTuple):
@@ -217,13 +233,31 @@ def standing_shapes(planned: PlannedRobot) -> tuple[Shape, ...]:
 def plan_balance(plan: Plan) -> Balance | None:
     """Balance of the robot of a plan; ``None`` where `balance_of` has none, for a plan that is no
     complete robot, and for one with unknown parts: one of them may be its caster."""
+    robot = _known_robot(plan)
+    return None if robot is None else balance_of(robot)
+
+
+def plan_stance(plan: Plan) -> list[Finding]:
+    """What is wrong with how the robot of a plan stands: its balance, and driven wheels in the
+    air; nothing where that is not known, as of `plan_balance`."""
+    robot = _known_robot(plan)
+    if robot is None:
+        return []
+    balance = balance_of(robot)
+    findings = [] if balance is None else balance.findings
+    if turns_wheels_in_the_air(robot):
+        findings.append(Finding("wheels", Outcome.ERROR, IN_THE_AIR))
+    return findings
+
+
+def _known_robot(plan: Plan) -> PlannedRobot | None:
+    """The robot of a plan, if all of it is known."""
     if plan.unknown or not plan.devices(DeviceKind.HUB):
         return None
     try:
-        robot = planned(plan)
+        return planned(plan)
     except PlanError:
         return None
-    return balance_of(robot)
 
 
 def _wheels(planned: PlannedRobot) -> Iterator[Shape]:
