@@ -12,7 +12,16 @@ from described import REACHING, ROBO_ARM, RUN_AWAY, TWO_WHEELER, WALKER, WALKING
 
 from brickhub.entry import Entry
 from brickhub.errors import HubError, HubTimeoutError, SilentHubError, StoppedError
-from brickhub.hub.interface import Interface, MotorAngle, RunAngle, UntilDone, Wait
+from brickhub.hub.interface import (
+    Interface,
+    MotorAngle,
+    RunAngle,
+    RunSpeed,
+    UntilDone,
+    Wait,
+    WheelsAngle,
+    WheelsSpeed,
+)
 from brickhub.hub.link.profiles import PROFILES
 from brickhub.hub.link.states import LinkState
 from brickhub.hub.link.trial_link import TrialLink
@@ -319,3 +328,24 @@ def test_a_lost_observation_is_an_error_of_its_trial() -> None:
         with pytest.raises(HubTimeoutError, match="an observation of a trial was lost"):
             link.step(NUMBERS, 4)
         assert link.step(NUMBERS, 4).values
+
+
+def test_what_counts_on_is_read_from_the_start_of_each_trial() -> None:
+    robot = Robot(
+        "cart",
+        HubKind.PRIME,
+        motors=(Motor("left", "A"), Motor("right", "B")),
+    )
+    interface = Interface(
+        (RunSpeed("left", -360, 360), RunSpeed("right", -360, 360)),
+        (WheelsAngle("left", "right"), WheelsSpeed("left", "right")),
+        Wait(100),
+    )
+    # Both turn until they have turned by the number, and back from what is beyond it.
+    policy = "def act_by(observed, numbers):\n    return [(numbers[0] - observed[0]) / 100] * 2\n"
+    link = TrialLink(Hub(robot), robot, interface, [Entry("turn", 0.0, 360.0)], policy)
+    with link:
+        for number in range(1, 3):
+            readings = link.make_trial([90.0], 20)
+            assert readings is not None
+            assert readings[-1].values[0] == pytest.approx(90.0 * number, abs=8.0)
