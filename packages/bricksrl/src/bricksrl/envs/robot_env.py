@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any, TypeVar, cast
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +28,26 @@ PAUSE_PERIOD_S = 0.2
 """Period of the reads during a pause, which keep the hub program's watchdog from ending it."""
 
 _T = TypeVar("_T")
+
+
+class Chance(NamedTuple):
+    """What an environment draws: generators of what this computer draws and of the robot's place,
+    and the seed of a virtual robot."""
+
+    host: np.random.Generator
+    place: np.random.Generator
+    twin_seed: int
+
+
+def chance_of(seed: int | None) -> Chance:
+    """What an environment of a seed draws. Each part has a stream of its own, so that a place that
+    draws more changes neither goal nor twin."""
+    host, place, twin = np.random.SeedSequence(seed).spawn(3)
+    return Chance(
+        np.random.default_rng(host),
+        np.random.default_rng(place),
+        int(twin.generate_state(1)[0]),
+    )
 
 
 class RobotEnv(BricksEnv):
@@ -144,12 +164,7 @@ class RobotEnv(BricksEnv):
 
     def _set_seed(self, seed: int | None) -> None:
         self._seed = seed
-        # Each part draws from a stream of its own, so that a place that draws more changes neither
-        # goal nor twin.
-        host, place, twin = np.random.SeedSequence(seed).spawn(3)
-        self._host_rng = np.random.default_rng(host)
-        self._place_rng = np.random.default_rng(place)
-        self._twin_seed = int(twin.generate_state(1)[0])
+        self._host_rng, self._place_rng, self._twin_seed = chance_of(seed)
         if self._connection is not None and self._connection.twin is not None:
             self._close_link()
             self._connection = None

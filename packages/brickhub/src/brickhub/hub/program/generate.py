@@ -48,6 +48,24 @@ class Goals(NamedTuple):
     steps: int
 
 
+class Place(NamedTuple):
+    """A place that a hub finds by dead reckoning, as nobody tells it where that is. Both poses are
+    in mm along x and y, and in degrees clockwise from x.
+
+    Attributes:
+        start: where the robot is put.
+        place: where it is to go.
+        wheels: names of the left and the right motor of its drive base.
+        deg_per_mm, track_mm: of that.
+    """
+
+    start: tuple[float, float, float]
+    place: tuple[float, float, float]
+    wheels: tuple[str, str]
+    deg_per_mm: float
+    track_mm: float
+
+
 def validate(robot: Robot, interface: Interface) -> None:
     """Check that the robot has every device that the interface names and that all ranges fit the
     wire. Raises ProgramError if this kind of hub is not supported, DescriptionError if robot and
@@ -181,6 +199,7 @@ def generate_alone(
     age_ms: int,
     goals: Goals | None = None,
     world: str = "",
+    place: Place | None = None,
 ) -> HubProgram:
     """Generate a program with which ``robot`` acts by itself, without a host, until the center
     button is pressed.
@@ -194,6 +213,8 @@ def generate_alone(
             learned with.
         goals: what the hub draws itself; by default nothing.
         world: name of the world that the policy is for, which the header says.
+        place: what it reckons, of which the policy observes last its commands, in their units, and
+            where the place is: see ``onboard/reckoning.py``.
 
     Raises:
         DescriptionError: robot and interface do not match.
@@ -203,6 +224,10 @@ def generate_alone(
     policy_imports, policy = _parted(policy)
     alone_imports, alone = _onboard("alone")
     goal_imports, goal_part = _goals(goals)
+    place_imports, place_part = _reckoning(place)
+    added = " + goals()" if goals else ""
+    if place is not None:
+        added += f" + [{_last_commands(interface)}] + seen_place()"
     constants = [
         *_step_constants(interface),
         _counting(interface, observed),
@@ -216,7 +241,8 @@ def generate_alone(
         _devices(robot, interface),
         _start_moves(robot, interface),
         *goal_part,
-        _observe(interface, observed, " + goals()" if goals else ""),
+        *place_part,
+        _observe(interface, observed, added),
         policy,
         _onboard("moves")[1],
         _onboard("relative")[1],
@@ -228,6 +254,7 @@ def generate_alone(
     title = f"# {origin[:1].upper()}{origin[1:]}\n{place}\n"
     header = title + _header(robot, interface, end)
     imports = _robot_imports(robot, interface) + policy_imports + alone_imports + goal_imports
+    imports = list(dict.fromkeys(imports + place_imports))
     return HubProgram(_joined(header, imports, parts), 0, says_hello=False)
 
 
@@ -644,6 +671,40 @@ def _goals(goals: Goals | None) -> tuple[list[str], list[str]]:
         f"GOAL_STEPS = {goals.steps}  # steps after which they are drawn anew\n"
     )
     return imports, [constants, body]
+
+
+def _reckoning(place: Place | None) -> tuple[list[str], list[str]]:
+    """Import lines and parts of a program that reckons a place."""
+    if place is None:
+        return [], []
+    imports, body = _onboard("reckoning")
+    left, right = place.wheels
+    lines = [
+        "# Where the robot is put, and where it is to go: mm along x and y, degrees clockwise.",
+        start_line(place.start),
+        f"PLACE = {place.place}",
+        f"DEG_PER_MM = {place.deg_per_mm:.6g}",
+        f"TRACK_MM = {place.track_mm:g}",
+        "",
+        "",
+        "def wheels():",
+        f"    return motor_{left}.angle(), motor_{right}.angle()",
+    ]
+    return imports, ["\n".join(lines) + "\n", body]
+
+
+def start_line(start: tuple[float, float, float]) -> str:
+    """Line of a program that says where the robot is put."""
+    x_mm, y_mm, heading_deg = start
+    return f"START = ({x_mm:.1f}, {y_mm:.1f}, {heading_deg:.1f})"
+
+
+def _last_commands(interface: Interface) -> str:
+    """Expressions of the last commands, in their units."""
+    parts = [
+        f"COMMANDED[{index}] / {command.scale}" for index, command in enumerate(interface.commands)
+    ]
+    return ", ".join(parts)
 
 
 def _observe(

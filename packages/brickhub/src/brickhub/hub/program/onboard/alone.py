@@ -13,6 +13,7 @@ the observation, and the commands times their scales.
 from pybricks.tools import StopWatch, wait
 
 CLOCK = StopWatch()
+COMMANDED = [0] * len(SPANS)  # the last commands, times their scales
 
 
 def settle(started_ms):
@@ -29,15 +30,19 @@ def settle(started_ms):
 
 def live():
     """Observe, act and wait, step by step."""
-    first = observe()
+    first = None
     try:
         while True:
-            observed = relative(observe(), first)
+            observed = observe()
+            if first is None:
+                first = observed
+            observed = relative(observed, first)
             seen_ms = CLOCK.time()
             commands = [
                 round(middle + half * action)
                 for (middle, half), action in zip(SPANS, act(observed))
             ]
+            COMMANDED[:] = commands
             computed_ms = CLOCK.time() - seen_ms
             wait(max(0, AGE_MS - computed_ms))
             started_ms = CLOCK.time()
