@@ -206,6 +206,10 @@ def test_missing_docstrings_print_one_line():
         ("train RunAway-v0 --stop-at x", "--stop-at is 'x'; give a number"),
         ("camera calibrate RoboArm_mixed-v0 --at 1", "--at is '1'; give two whole numbers"),
         ("train RunAway-v0 --seed", "Missing value for argument '--seed'. Expected 1 values"),
+        (
+            "world straighten photo.jpg:fll --corners 1,2,3,4",
+            "--corners is '1,2,3,4'; give 4 values with spaces between them",
+        ),
         ("evaluate --run runs/spin", "run is no option; give it without --run"),
         ("train RunAway-v0 --jsn", "Unrecognized options: --jsn"),
         (
@@ -219,6 +223,13 @@ def test_missing_docstrings_print_one_line():
 )
 def test_wrong_arguments_have_plain_messages(fails, arguments, says):
     fails(*arguments.split(), says=f"error: {says}; see")
+
+
+def test_file_whose_name_begins_like_an_option_is_no_option(fails, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "-mine.ldr").touch()
+    says = "error: -mine.ldr:walk looks like an option; for the file give ./-mine.ldr:walk"
+    fails("learn", "-mine.ldr:walk", says=says)
 
 
 @pytest.mark.parametrize(

@@ -9,8 +9,10 @@ import pytest
 
 from brickhub.finding import Outcome
 from bricktwin.plans import ldraw_file
+from bricktwin.plans.mechanism.motor_role import Role
+from bricktwin.plans.mechanism.roles import roles_of
 from bricktwin.plans.plan import Plan, make_plan, read_plan
-from bricktwin.plans.planned_robot import planned_robot
+from bricktwin.plans.planned_robot import planned_as_drawn, planned_robot
 from bricktwin.robots import plans
 from bricktwin.twin.models.balance import (
     Balance,
@@ -105,6 +107,14 @@ def test_balance_is_of_robots_that_can_move_around() -> None:
     arm = next(path for path in OURS if path.stem == "robo_arm")
     assert plan_balance(read_plan(arm)) is None
     assert plan_balance(without(OURS[0], "95646", "54696", "67718")) is None
+
+
+def test_crane_that_stands_on_its_hub_has_no_legs() -> None:
+    path = next(path for path in EXAMPLES if path.stem == "crane")
+    free = without(path, "FIXED", "STOPS")
+    robot = planned_as_drawn(free)
+    assert set(roles_of(robot.plan, robot.articulation).values()) == {Role.JOINT}
+    assert plan_balance(free) is None
 
 
 def test_an_unknown_part_may_be_the_caster() -> None:

@@ -139,7 +139,7 @@ def park(drawn: DrawnRobot) -> Task:
     return replace(
         PARK,
         doc=f"{drawn.robot.name} drives into a bay and stands still there.",
-        id="Bay-v0",
+        id="Parking-v0",
         robot=drawn.robot,
         interface=interface_on(PARK.interface, drawn.robot, _base_names(base)),
     )

@@ -18,9 +18,11 @@ from brickhub.errors import PlanError
 from brickhub.finding import Finding, Outcome
 from bricktwin.plans.geometry import M_PER_LDU, Floats, Form, frame_of, triple
 from bricktwin.plans.mechanism.kinematics import TO_TWIN, point_m_of
+from bricktwin.plans.mechanism.motor_role import Role
+from bricktwin.plans.mechanism.roles import roles_of
 from bricktwin.plans.part import DeviceKind
 from bricktwin.plans.plan import Plan
-from bricktwin.plans.planned_robot import PlannedRobot, planned
+from bricktwin.plans.planned_robot import PlannedRobot, planned_as_drawn
 from bricktwin.twin.models.feet import Shape, Turns, feet_of, shapes_of, skids_of, turns_of
 
 TIPS_DEG = 12.0
@@ -118,6 +120,10 @@ def balance_of(planned: PlannedRobot) -> Balance | None:
     articulation = planned.articulation
     feet = feet_of(planned)
     if articulation.is_fixed or not (feet or articulation.wheels):
+        return None
+    # A crane may reach the floor with its boom, but does not go anywhere.
+    has_legs = Role.LEG in roles_of(planned.plan, articulation).values()
+    if not (has_legs or articulation.wheels):
         return None
     chassis = _outer(list(shapes_of(planned, 0)))
     shapes = [*feet, *chassis, *_wheels(planned)]
@@ -255,7 +261,7 @@ def _known_robot(plan: Plan) -> PlannedRobot | None:
     if plan.unknown or not plan.devices(DeviceKind.HUB):
         return None
     try:
-        return planned(plan)
+        return planned_as_drawn(plan)
     except PlanError:
         return None
 
