@@ -206,10 +206,6 @@ def test_missing_docstrings_print_one_line():
         ("train RunAway-v0 --stop-at x", "--stop-at is 'x'; give a number"),
         ("camera calibrate RoboArm_mixed-v0 --at 1", "--at is '1'; give two whole numbers"),
         ("train RunAway-v0 --seed", "Missing value for argument '--seed'. Expected 1 values"),
-        (
-            "world straighten photo.jpg:fll --corners 1,2,3,4",
-            "--corners is '1,2,3,4'; give 4 values with spaces between them",
-        ),
         ("evaluate --run runs/spin", "run is no option; give it without --run"),
         ("train RunAway-v0 --jsn", "Unrecognized options: --jsn"),
         (

@@ -250,8 +250,8 @@ def generate_alone(
     ]
     end = f"It acts by itself, by {origin}, until the center button is pressed."
     # What names the program, and the robot that a page puts on its stage for it.
-    place = f"# Robot: {robot.name} {world}".rstrip()
-    title = f"# {origin[:1].upper()}{origin[1:]}\n{place}\n"
+    robot_line = f"# Robot: {robot.name} {world}".rstrip()
+    title = f"# {origin[:1].upper()}{origin[1:]}\n{robot_line}\n"
     header = title + _header(robot, interface, end)
     imports = _robot_imports(robot, interface) + policy_imports + alone_imports + goal_imports
     imports = list(dict.fromkeys(imports + place_imports))

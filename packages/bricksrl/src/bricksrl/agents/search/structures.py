@@ -136,9 +136,9 @@ class Upright(nn.Module):
         lean_deg, gain, ahead_s, by_angle, by_speed = numbers.split(1, -1)
         off_deg = pitch_deg - lean_deg + ahead_s * rate_deg_s
         off_deg = off_deg + by_angle * angle_deg + by_speed * speed_deg_s
-        percent = gain * off_deg
+        share: Tensor = gain * off_deg / 100
         # Both wheels turn alike.
-        return (percent / 100).expand(*percent.shape[:-1], 2)
+        return share.expand(*share.shape[:-1], 2)
 
 
 def _constant(values: Sequence[float]) -> nn.Buffer:
