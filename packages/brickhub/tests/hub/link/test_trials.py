@@ -349,3 +349,13 @@ def test_what_counts_on_is_read_from_the_start_of_each_trial() -> None:
             readings = link.make_trial([90.0], 20)
             assert readings is not None
             assert readings[-1].values[0] == pytest.approx(90.0 * number, abs=8.0)
+
+
+def test_other_numbers_replace_the_trial_that_goes_on() -> None:
+    _, link = linked()
+    with link:
+        first = [link.step(NUMBERS, 20) for _ in range(2)]
+        then = [link.step((1.0, *NUMBERS[1:]), 3) for _ in range(3)]
+        assert link.writes == 2 and link.state is LinkState.READY
+    turned = [(before.values[0] - after.values[0]) % 360.0 for before, after in (first, then[-2:])]
+    assert turned[1] < turned[0] - 30.0, "it is the slower one"

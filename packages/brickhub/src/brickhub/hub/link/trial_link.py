@@ -65,6 +65,7 @@ class TrialLink(HubLink):
         self._trial: Iterator[Reading] | None = None
         self._record = TrialRecord(0)
         self._steps = 0
+        self._tried: tuple[float, ...] = ()
         super().__init__(
             transport,
             robot,
@@ -102,8 +103,8 @@ class TrialLink(HubLink):
         numbers: Sequence[float],
         steps: int,
     ) -> Reading:
-        """The reading after the next step of the trial that goes on. If none does, one of so many
-        steps begins, by numbers ``[p]``.
+        """The reading after the next step of the trial that goes on by numbers ``[p]``. If none
+        does, or one by others, one of so many steps begins.
 
         A trial that ends early, by a tilt, has no further steps: the next one is that of a new
         trial. One that has tilted before its first step returns what it observed then.
@@ -112,7 +113,8 @@ class TrialLink(HubLink):
             HubTimeoutError: nothing of the trial came, or something of it was lost.
             EncodingError, HubError, HubProgramError, StoppedError: as `make_trial`.
         """
-        if self._trial is not None:
+        # One by other numbers is replaced by the new one, on the hub, too.
+        if self._trial is not None and tuple(numbers) == self._tried:
             reading = self._next_of(self._trial)
             if reading is not None:
                 return reading
@@ -164,6 +166,7 @@ class TrialLink(HubLink):
         self._require_open()
         self._seq = seq
         self._steps = steps
+        self._tried = tuple(numbers)
         self._record = TrialRecord(seq)
         # Before a frame is sent: if sending fails, the hub may still have got it and move.
         self.state = after(self.state, Cause.ACTED)
