@@ -11,18 +11,23 @@ import pytest
 import torch
 from tensordict import TensorDict
 from torch import Tensor
+from torchrl.envs import EnvBase
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 
 import bricksrl
 from brickhub.hub.interface import Interface, MotorAngle, RunSpeed, Wait
+from brickhub.hub.link.robot_link import RobotLink
+from brickhub.hub.link.trial_link import TrialLink
 from brickhub.robot import HubKind, Motor, Robot
 from brickhub.search.oscillators import oscillators
 from bricksrl.agents import make_learner, preset
 from bricksrl.agents.search.gait import GaitSettings, PolicySearch
 from bricksrl.agents.search.structures import Oscillators, make_oscillators
 from bricksrl.envs import make
+from bricksrl.envs.env_interface import interface_of
 from bricksrl.errors import DescriptionError, RunError, UnknownNameError
 from bricksrl.training import TrainConfig, resume, train
+from bricksrl.training.callbacks import Callback
 from bricksrl.training.learners import load_learner
 
 SIX = [Motor(name, port) for name, port in zip("abcdef", "ABCDEF", strict=True)]
@@ -322,3 +327,61 @@ def test_the_policy_of_a_run_loads(tmp_path: Path) -> None:
     train(TrainConfig("WalkerSim-v0", "gait", episodes=1, record=False, run_dir=tmp_path / "run"))
     policy = bricksrl.load_policy(tmp_path / "run")
     assert policy.act([0.0] * 7).shape == (4,)
+
+
+class Links(Callback):
+    """The links of a run, and what it says of its trials."""
+
+    def __init__(self) -> None:
+        self.links: list[RobotLink] = []
+        self.notes: list[str] = []
+
+    def on_env(self, env: EnvBase) -> None:
+        interface_of(env).watch(lambda connection: self.links.append(connection.link))
+
+    def on_note(self, note: str) -> None:
+        self.notes.append(note)
+
+
+def test_the_hub_makes_whole_trials_by_itself(tmp_path: Path) -> None:
+    seen = Links()
+    config = TrainConfig(
+        "Walker-v1",
+        "gait",
+        episodes=1,
+        settings=GaitSettings(trial_steps=3, settle_steps=1),
+        record=False,
+        run_dir=tmp_path / "run",
+        options={"step_ms": 2500},
+        link="mac",
+    )
+    assert train(config, seen).episodes[0].length == 10
+    assert seen.notes == ["the hub makes each trial by itself, by numbers that are sent once"]
+    link = seen.links[-1]
+    assert isinstance(link, TrialLink)
+    # Three of 3 steps and one of a single step: a trial ends with its episode.
+    assert link.writes == 4
+
+
+@pytest.mark.parametrize(
+    ("options", "settings", "reason"),
+    [
+        ({}, {"on_hub": False}, "on_hub is false"),
+        ({"streaming": True}, {}, "it streams"),
+        ({"frame_stack": 2}, {"structure": "linear"}, "transforms are between the robot and"),
+        ({}, {"structure": "linear"}, "the hub does not know this structure"),
+        ({}, {"trial_steps": 50}, "a hub makes 40 of these steps in a trial at most"),
+    ],
+)
+def test_else_each_step_is_an_exchange_and_the_run_says_why(
+    options: dict[str, object], settings: dict[str, object], reason: str
+) -> None:
+    env = make("Walker-v1", seed=0, **options)
+    chosen = dataclasses.replace(preset("default", "gait"), **settings)
+    note = make_learner("gait", env, chosen).use_hub_of(env)
+    assert note.startswith("trials are made step by step from here, as ")
+    assert reason in note
+
+
+def test_a_simulation_has_no_hub_to_speak_of() -> None:
+    assert searcher().use_hub_of(make("WalkerSim-v0", seed=0)) == ""

@@ -221,6 +221,13 @@ def test_wrong_arguments_have_plain_messages(fails, arguments, says):
     fails(*arguments.split(), says=f"error: {says}; see")
 
 
+def test_file_whose_name_begins_like_an_option_is_no_option(fails, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "-mine.ldr").touch()
+    says = "error: -mine.ldr:walk looks like an option; for the file give ./-mine.ldr:walk"
+    fails("learn", "-mine.ldr:walk", says=says)
+
+
 @pytest.mark.parametrize(
     "environment",
     [{"PYTHONIOENCODING": "cp1252"}, {"PYTHONIOENCODING": "ascii"}, {"COLUMNS": "30"}],

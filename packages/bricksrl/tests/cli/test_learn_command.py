@@ -23,7 +23,7 @@ def test_look_says_what_each_device_is_and_what_can_be_learned(bricksrl):
     assert any(line.startswith("  port 3  light") and "looks down" in line for line in lines)
     can = lines[lines.index("It can learn") : lines.index("It cannot learn")]
     assert any(line.split()[0] == "line" for line in can[1:])
-    assert "  walk   walk forward: it drives on wheels" in lines
+    assert "  walk    walk forward: it drives on wheels" in lines
 
 
 def test_learning_ends_with_a_report_and_the_hubs_program(bricksrl, tmp_path):

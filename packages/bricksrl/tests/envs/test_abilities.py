@@ -4,6 +4,7 @@ work."""
 from __future__ import annotations
 
 import shutil
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -11,16 +12,25 @@ import torch
 
 import bricksrl
 from brickhub.hub.interface import DriveSpeed, DriveStraight, RunAngle
+from brickhub.hub.program.generate import generate_alone
+from brickhub.search.structure import source_by
+from brickhub.search.upright import upright
 from brickhub.user_files import load_object
+from bricksrl.agents import make_learner
 from bricksrl.envs import get_task
 from bricksrl.envs.abilities.of_plans import offers
 from bricksrl.envs.env_checker import check_env
 from bricksrl.envs.registry import LABELS
+from bricksrl.envs.rollout import play_episodes
 from bricksrl.errors import BricksError, DescriptionError, UnknownNameError
+from bricksrl.policies.hub_export import play_alone
 from bricksrl.target import find
-from bricksrl.training.config import TrainConfig
+from bricksrl.training.config import TrainConfig, settings_for
+from bricksrl.training.learners import on_its_hub
 from bricktwin.robots import plans
 from bricktwin.robots.as_drawn import robot_as_drawn
+from bricktwin.twin.make_body import make_body
+from bricktwin.twin.scene import Scene
 
 PLANS = Path(plans.__path__[0])
 EXAMPLES = Path(__file__).parents[4] / "examples"
@@ -31,6 +41,7 @@ CAN = {
     PLANS / "robo_arm.ldr": {"reach"},
     EXAMPLES / "13_front_steered.ldr": {"ahead"},
     EXAMPLES / "15_six_legs.ldr": {"walk"},
+    EXAMPLES / "drawings" / "balancer.ldr": {"upright"},
 }
 
 
@@ -120,3 +131,39 @@ def test_what_a_plan_learns_is_no_code(tmp_path, monkeypatch):
     assert "rover.ldr:walk" in LABELS
     with pytest.raises(UnknownNameError, match="which is no Python file"):
         load_object("rover.ldr:walk", "AGENT")
+
+
+BALANCER = f"{EXAMPLES / 'drawings' / 'balancer.ldr'}:upright"
+STANDS = (0.0, 25.0, 0.05, 0.02, 0.015)
+"""Lean, gain, time ahead, and shares of angle and speed, by which the balancer stands."""
+
+
+def test_balancer_stands_by_a_program_of_its_own_and_falls_without():
+    task = get_task(BALANCER)
+    lengths = []
+    for numbers in (STANDS, (0.0, 2.0, 0.0, 0.0, 0.0)):
+        source = source_by(upright(task.interface), numbers)
+        program = generate_alone(task.robot, task.interface, range(4), source, "numbers", 0)
+        lengths.append(play_alone(program.source, task, None, 1).length)
+    assert lengths[0] == task.max_steps
+    assert lengths[1] < 100
+
+
+def test_balancer_is_held_until_its_motors_turn():
+    body = make_body(get_task(BALANCER).robot, scene=Scene(held_deg=(3.0, 3.0)))
+    assert body.tilt_deg()[0] == pytest.approx(3.0, abs=1.0)
+    body.advance_to(2000)
+    assert body.tilt_deg()[0] == pytest.approx(3.0, abs=1.0)
+    body.set_voltage("A", 0)
+    body.advance_to(4000)
+    assert body.tilt_deg()[0] > 30.0
+
+
+def test_balance_is_evaluated_on_the_hub():
+    with closing(bricksrl.make(BALANCER, seed=0)) as env:
+        learner = make_learner("gait", env, settings_for(BALANCER, "default", "gait"))
+        learner.actor.best.copy_(torch.tensor(STANDS))
+        on_its_hub(learner, env)
+        (score,) = play_episodes(env, learner.exploit, 1, seed=0)
+    assert score.success
+    assert score.length == 250

@@ -14,6 +14,7 @@ from hub_programs import output
 
 from brickhub.entry import Entry
 from brickhub.hub.interface import Interface, MotorAngle, RunAngle, Wait
+from brickhub.hub.program.generate import generate_alone
 from brickhub.robot import HubKind, Motor, Robot
 from brickhub.search.structure import source_by
 from brickhub.virtual.machine import Machine
@@ -24,6 +25,7 @@ from bricksrl.agents.search.structures import make_oscillators
 from bricksrl.cli import main
 from bricksrl.envs import Task, make, register
 from bricksrl.envs.host_sensors.host_sensor import HostSensor
+from bricksrl.envs.odometry import TargetTracker, floor_pose
 from bricksrl.envs.registry import _specs, get_task
 from bricksrl.errors import RunError
 from bricksrl.policies import hub_export, hub_network, load_policy
@@ -252,10 +254,60 @@ def test_what_this_computer_senses_is_refused(tmp_path: Path) -> None:
         export_program(tmp_path / "run", tmp_path / "turn.py")
 
 
-def test_what_a_hub_cannot_know_is_refused(tmp_path: Path) -> None:
-    train(TrainConfig("Park-v0", "random", episodes=1, record=False, run_dir=tmp_path / "run"))
-    with pytest.raises(RunError, match="does not know where the place to reach of Park-v0 is"):
-        export_program(tmp_path / "run", tmp_path / "park.py")
+def test_a_hub_reckons_the_place_to_reach_from_where_it_is_put() -> None:
+    task = replace(get_task("Park-v0"), max_steps=20)
+    policy = "def act(observed):\n    return [0.4, 0.3 if observed[2] < -200 else -0.3]\n"
+    program = generate_alone(
+        task.robot,
+        task.interface,
+        task.observed_channels,
+        policy,
+        "a policy",
+        0,
+        place=hub_export.place_of(task),
+    )
+    starts = []
+    for seed in range(2):
+        played = hub_export.play_as_env(program.source, task, None, seed)
+        observed, _ = played.seen
+        truth = TargetTracker(
+            task.target,
+            task.robot,
+            task.interface,
+            played.machine.body.pose,
+            floor_pose(played.machine.body.pose()),
+            [0.0, 0.0],
+        ).truth()
+        # After 0.8 m of driving, as wheels slip.
+        assert observed[2:4].tolist() == pytest.approx(truth[:2], abs=15.0)
+        assert float(observed[4]) == pytest.approx(truth[2], abs=6.0)
+        assert observed[:2].abs().tolist() == pytest.approx([40.0, 18.0], abs=1.0)
+        starts.append(played.return_)
+    assert starts[0] != starts[1], "each is told where it was put"
+
+
+def test_a_program_is_tried_with_the_goals_of_its_policy() -> None:
+    task = get_task("Spinning-v0")
+    goals = []
+    env = make("Spinning-v0", seed=0)
+    for seed in (3, 4, 5):
+        env.set_seed(seed)
+        goals.append(float(env.reset()["observation"][5]))
+    env.close()
+    policy = "def act(observed):\n    return [0.0, 0.0]\n"
+    program = generate_alone(
+        task.robot,
+        task.interface,
+        task.observed_channels,
+        policy,
+        "a policy",
+        0,
+        hub_export.goals_of(task),
+    )
+    short = replace(task, max_steps=1)
+    for seed, goal in zip((3, 4, 5), goals, strict=True):
+        observed, _ = hub_export.play_as_env(program.source, short, None, seed).seen
+        assert float(observed[5]) == goal
 
 
 @pytest.mark.usefixtures("quick")

@@ -4,20 +4,25 @@ browser."""
 from __future__ import annotations
 
 import json
+from pathlib import Path
 
 import pytest
 
 from bricktwin.robots import ROBO_ARM, TWO_WHEELER, WALKER
+from bricktwin.robots.as_drawn import robot_as_drawn
 from bricktwin.site.tab import lessons, trial
 from bricktwin.site.tab.lessons import Record, ahead_mm, lesson_for, walking_speed
 from bricktwin.site.tab.run import STOPPED_EXIT_CODE
 from bricktwin.site.tab.teach import teach_in_tab
 from bricktwin.twin.body import TwinBody
 from bricktwin.twin.make_body import make_body
+from bricktwin.twin.scene import Scene
 from bricktwin.twin.standing import Pose
 from bricktwin.worlds import world
 
 TROT = (-0.9, 180.0)
+EXAMPLES = Path(__file__).parents[4] / "examples"
+BALANCER = robot_as_drawn(EXAMPLES / "drawings" / "balancer.ldr").robot
 
 
 class TaughtPage:
@@ -105,6 +110,20 @@ def test_who_can_learn_what() -> None:
     assert lesson_for(TWO_WHEELER, "open floor") is None
     stop = lesson_for(TWO_WHEELER, "wall")
     assert stop is not None and stop.goal == "stop"
+    kept = lesson_for(BALANCER, "wall", is_held=True)
+    assert kept is not None and kept.goal == "upright"
+
+
+@pytest.mark.parametrize(("gain", "stands"), [(25.0, True), (2.0, False)])
+def test_a_try_to_keep_upright_is_worth_its_time(gain: float, stands: bool) -> None:
+    page = TaughtPage()
+    body = make_body(BALANCER, scene=Scene(held_deg=(1.0, 1.0)))
+    numbers = (0.0, gain, 0.05 if stands else 0.0, 0.02, 0.015)
+    assert teach(page, 1, body, goal="upright", numbers=numbers) == 0
+    (tried,) = page.trials
+    assert tried["fell"] is not stands
+    assert (tried["score"] > 80.0) is stands
+    assert tried["score"] > 1.0
 
 
 def test_speed_counts_the_way_ahead_once_it_has_settled() -> None:

@@ -144,6 +144,9 @@ def parse(line: CommandLine, arguments: Sequence[str]) -> ParsedCommand:
             option = argument.lstrip("".join(_DASHES) + "-")
             print_error(f"{argument} begins with the dash of a word processor; type --{option}")
             raise SystemExit(2)
+        if _is_file_like_an_option(argument):
+            print_error(f"{argument} looks like an option; for the file give ./{argument}")
+            raise SystemExit(2)
     message = _wrong_command(line, words, arguments[len(words) :])
     if message:
         command = " ".join([line.prog, *words])
@@ -160,6 +163,13 @@ def parse(line: CommandLine, arguments: Sequence[str]) -> ParsedCommand:
             print_error(one_line(messages.getvalue(), command))
         raise
     return cast(ParsedCommand, parsed)
+
+
+def _is_file_like_an_option(argument: str) -> bool:
+    """Whether a file is there whose name begins with a dash, maybe with what of it is meant."""
+    name = argument.split(":", maxsplit=1)[0]
+    has_ending = Path(name).suffix != ""
+    return argument.startswith("-") and has_ending and Path(name).is_file()
 
 
 def _wrong_command(
@@ -317,6 +327,12 @@ _NEEDED = {
 _WRONG_VALUE = re.compile(r"Error parsing (\S+): (.*?)\W*'(.*)'\W*")
 """Option, reason and value: ``Error parsing --seed: invalid literal for int() with base 10:
 'x'``."""
+_WRONG_COUNT = re.compile(
+    r"Error parsing (\S+): no type matching .*\{((?:STR ?){2,})\} could be instantiated from "
+    r"\['(.*)'\]"
+)
+"""Option, kinds of its values and what was given: ``Error parsing --corners: no type matching
+{None}|{STR STR} could be instantiated from ['1,2']``."""
 _OF_SEVERAL = re.compile(r"Error parsing [^-\s]\S*: (.*)")
 """Our error about a group of options or a whole command, after a name that no user wrote: only
 options begin with dashes."""
@@ -356,6 +372,11 @@ def _plain(message: str) -> str:
         return f"{match[1]} is no option; give it without --{match[1]}"
     if match := _OF_SEVERAL.fullmatch(message):
         return match[1]
+    if match := _WRONG_COUNT.fullmatch(message):
+        option, needed_kinds, value = match.groups()
+        given = value.replace("', '", " ")
+        count = len(needed_kinds.split())
+        return f"{option} is '{given}'; give {count} values with spaces between them"
     if match := _WRONG_VALUE.fullmatch(message):
         option, reason, value = match.groups()
         for words, needed in _NEEDED.items():

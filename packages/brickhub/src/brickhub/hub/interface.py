@@ -62,6 +62,7 @@ __all__ = [
     "LightBrightness",
     "MotorAngle",
     "Pitch",
+    "PitchRate",
     "RemoteButton",
     "Roll",
     "RunAngle",
@@ -72,6 +73,8 @@ __all__ = [
     "Turn",
     "UntilDone",
     "Wait",
+    "WheelsAngle",
+    "WheelsSpeed",
     "WireNumber",
     "YawRate",
     "drive_base",
@@ -225,6 +228,57 @@ class MotorAngle(Channel):
         return f"motor_{self.motor}.angle(){wrap}"
 
 
+class _WheelsChannel(Channel):
+    """Channel of two motors, the mean of both."""
+
+    left: str
+    right: str
+
+    def devices(self, robot: Robot) -> tuple[str, ...]:
+        return self.left, self.right
+
+    def check(self, robot: Robot) -> None:
+        robot.motor(self.left)
+        robot.motor(self.right)
+
+
+@dataclass(frozen=True)
+class WheelsAngle(_WheelsChannel):
+    """Mean of ``Motor.angle()`` of two motors: how far a robot has rolled; the range is nominal."""
+
+    left: str
+    right: str
+    low: float = -360.0
+    high: float = 360.0
+    unit: ClassVar[str] = "deg"
+    name: ClassVar[str] = "wheels_angle"
+    is_nominal: ClassVar[bool] = True
+    accumulates: ClassVar[bool] = True
+
+    @property
+    def expression(self) -> str:
+        return f"(motor_{self.left}.angle() + motor_{self.right}.angle()) / 2"
+
+
+@dataclass(frozen=True)
+class WheelsSpeed(_WheelsChannel):
+    """Mean of ``Motor.speed()`` of two motors; the range is nominal."""
+
+    left: str
+    right: str
+    low: float = -1000.0
+    high: float = 1000.0
+    unit: ClassVar[str] = "deg/s"
+    name: ClassVar[str] = "wheels_speed"
+    is_nominal: ClassVar[bool] = True
+    # A hub estimates a speed from angles of whole degrees in 100 ms.
+    roughness: ClassVar[float] = 20.0
+
+    @property
+    def expression(self) -> str:
+        return f"(motor_{self.left}.speed() + motor_{self.right}.speed()) / 2"
+
+
 class _ImuChannel(Channel):
     """Channel of the hub's IMU."""
 
@@ -263,6 +317,21 @@ class Roll(_Tilt):
 
     name: ClassVar[str] = "roll"
     mirror_sign: ClassVar[int] = -1
+
+
+@dataclass(frozen=True)
+class PitchRate(_ImuChannel):
+    """``hub.imu.angular_velocity(Axis.Y)``: how fast the nose goes down; the range is nominal."""
+
+    low: float = -300.0
+    high: float = 300.0
+    unit: ClassVar[str] = "deg/s"
+    name: ClassVar[str] = "pitch_rate"
+    imports: ClassVar[Imports] = (("pybricks.parameters", "Axis"),)
+    is_nominal: ClassVar[bool] = True
+    noise: ClassVar[str] = "gyro_noise_deg_s"
+    roughness: ClassVar[float] = 4.0
+    expression: ClassVar[str] = "hub.imu.angular_velocity(Axis.Y)"
 
 
 class _TurnChannel(_ImuChannel):

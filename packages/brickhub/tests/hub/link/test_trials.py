@@ -12,7 +12,16 @@ from described import REACHING, ROBO_ARM, RUN_AWAY, TWO_WHEELER, WALKER, WALKING
 
 from brickhub.entry import Entry
 from brickhub.errors import HubError, HubTimeoutError, SilentHubError, StoppedError
-from brickhub.hub.interface import Interface, MotorAngle, RunAngle, UntilDone, Wait
+from brickhub.hub.interface import (
+    Interface,
+    MotorAngle,
+    RunAngle,
+    RunSpeed,
+    UntilDone,
+    Wait,
+    WheelsAngle,
+    WheelsSpeed,
+)
 from brickhub.hub.link.profiles import PROFILES
 from brickhub.hub.link.states import LinkState
 from brickhub.hub.link.trial_link import TrialLink
@@ -271,3 +280,82 @@ def test_every_write_and_notification_of_a_trial_fits() -> None:
 def test_a_program_of_its_own_acts_by_the_same_formula() -> None:
     source = source_by(structure_for(WALKER, WALKING), NUMBERS)
     assert "NUMBERS = (-0.5, 180, 90, 200,)" in source
+
+
+def test_steps_of_a_trial_come_one_at_a_time_and_the_next_trial_follows() -> None:
+    hub, link = linked(link=PROFILES["mac"], seed=1)
+    with link:
+        first = [link.step(NUMBERS, 3) for _ in range(3)]
+        assert link.writes == 1 and link.state is LinkState.READY
+        assert hub.turned_mdeg(500) < STILL_MDEG, "the motors stand after the last step"
+        then = [link.step(NUMBERS, 2) for _ in range(2)]
+        assert link.writes == 2
+    times_ms = [reading.hub_time_ms for reading in first]
+    assert times_ms[2] - times_ms[0] == pytest.approx(500, abs=20)
+    assert then[0].hub_time_ms - times_ms[2] > 500
+
+
+def test_reading_within_a_trial_ends_it() -> None:
+    hub, link = linked()
+    with link:
+        link.step(NUMBERS, 20)
+        assert hub.turned_mdeg(200) > 20_000
+        link.read()
+        assert hub.turned_mdeg(800) < STILL_MDEG
+        link.step(NUMBERS, 2)
+        assert link.writes == 2, "the next step is that of a new trial"
+
+
+def test_a_trial_that_tilts_has_no_further_steps() -> None:
+    hub, link = linked()
+    with link:
+        link.step(NUMBERS, 8)
+        hub.tilt = (40.0, 0.0)
+        assert link.step(NUMBERS, 8).values[4] == 40.0
+        assert link.step(NUMBERS, 8).values[4] == 40.0
+        assert link.writes == 2
+        assert hub.turned_mdeg(500) < STILL_MDEG
+
+
+def test_a_lost_observation_is_an_error_of_its_trial() -> None:
+    hub, link = linked()
+    with link:
+        link.step(NUMBERS, 4)
+        lost = iter([True])
+        hub.loses = iter(lambda: next(lost, False), None)
+        for _ in range(2):
+            link.step(NUMBERS, 4)
+        with pytest.raises(HubTimeoutError, match="an observation of a trial was lost"):
+            link.step(NUMBERS, 4)
+        assert link.step(NUMBERS, 4).values
+
+
+def test_what_counts_on_is_read_from_the_start_of_each_trial() -> None:
+    robot = Robot(
+        "cart",
+        HubKind.PRIME,
+        motors=(Motor("left", "A"), Motor("right", "B")),
+    )
+    interface = Interface(
+        (RunSpeed("left", -360, 360), RunSpeed("right", -360, 360)),
+        (WheelsAngle("left", "right"), WheelsSpeed("left", "right")),
+        Wait(100),
+    )
+    # Both turn until they have turned by the number, and back from what is beyond it.
+    policy = "def act_by(observed, numbers):\n    return [(numbers[0] - observed[0]) / 100] * 2\n"
+    link = TrialLink(Hub(robot), robot, interface, [Entry("turn", 0.0, 360.0)], policy)
+    with link:
+        for number in range(1, 3):
+            readings = link.make_trial([90.0], 20)
+            assert readings is not None
+            assert readings[-1].values[0] == pytest.approx(90.0 * number, abs=8.0)
+
+
+def test_other_numbers_replace_the_trial_that_goes_on() -> None:
+    _, link = linked()
+    with link:
+        first = [link.step(NUMBERS, 20) for _ in range(2)]
+        then = [link.step((1.0, *NUMBERS[1:]), 3) for _ in range(3)]
+        assert link.writes == 2 and link.state is LinkState.READY
+    turned = [(before.values[0] - after.values[0]) % 360.0 for before, after in (first, then[-2:])]
+    assert turned[1] < turned[0] - 30.0, "it is the slower one"

@@ -16,6 +16,7 @@ import torch
 from tensordict import TensorDictBase
 from tensordict.nn import TensorDictModuleBase
 from torch import Tensor
+from torchrl.envs import EnvBase
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 
 from bricksrl.agents.features.encoder import Encoder
@@ -145,6 +146,16 @@ class Learner:
     def end_episodes(self, robot: int | None = None) -> None:
         """End the current episode of a robot, or of all: the next frame does not follow from the
         last."""
+
+    @property
+    def needs_hub(self) -> bool:
+        """Whether its policy is of no use but on the robot's hub: an exchange takes too long."""
+        return False
+
+    def use_hub_of(self, env: EnvBase) -> str:
+        """Let the robot's hub do what it can of the acting. Returns a line that says how the robot
+        acts, or "" if the computer acts step by step, as for most agents."""
+        return ""
 
     def begin_elsewhere(self) -> None:
         """Go on with another robot, or in another world."""

@@ -149,40 +149,21 @@ def _as_json(drawn: DrawnRobot, offered: list[Offer]) -> dict[str, Any]:
 def _notes(drawn: DrawnRobot) -> list[str]:
     """What a builder has to know of a drawing before its robot learns."""
     from bricktwin.plans.planned_robot import planned_robot
-    from bricktwin.twin.models.balance import balance_of
+    from bricktwin.twin.models.balance import IN_THE_AIR, balance_of, turns_wheels_in_the_air
 
     notes = [f"{drawn.robot.name}, {lack}." for lack in drawn.lacks]
-    balance = balance_of(planned_robot(drawn.path))
+    robot = planned_robot(drawn.path)
+    balance = balance_of(robot)
     if balance is not None and balance.fault is not None:
         notes.append(f"{drawn.robot.name}: {balance.fault}.")
-    notes += _wheels_in_the_air(drawn)
+    if turns_wheels_in_the_air(robot):
+        notes.append(f"{drawn.robot.name}: {IN_THE_AIR}.")
     if not drawn.is_wired and (drawn.motors or drawn.sensors):
         notes.append(
             "The plan says no ports, so they are given in the order of building: plug the cables "
             "in so, or write 0 !BRICKSRL PORT A before each motor and sensor."
         )
     return notes
-
-
-def _wheels_in_the_air(drawn: DrawnRobot) -> list[str]:
-    """A note if none of the driven wheels comes down on the floor."""
-    from bricktwin.plans.mechanism.motor_role import Role
-    from bricktwin.twin.make_body import make_body
-    from bricktwin.twin.mujoco_body import MujocoBody
-
-    body = make_body(drawn.robot)
-    if not isinstance(body, MujocoBody):
-        return []
-    tyres = {f"tyre_{wheel.facts.port}" for wheel in drawn.motors_with(Role.WHEEL)}
-    # Wheels behind a differential are no single motor's, and have other names.
-    tyres &= set(body.engine.names("geom"))
-    if not tyres or tyres & body.touching():
-        return []
-    note = (
-        f"{drawn.robot.name}: its driven wheels do not touch the floor, as something else is "
-        "lower; take larger wheels, or put what is lower higher."
-    )
-    return [note]
 
 
 def _say(drawn: DrawnRobot, offered: list[Offer]) -> None:
@@ -204,11 +185,11 @@ def _say(drawn: DrawnRobot, offered: list[Offer]) -> None:
     if can:
         print_line("It can learn")
     for ability in can:
-        print_line(f"  {ability.name:6} {ability.sentence}")
+        print_line(f"  {ability.name:7} {ability.sentence}")
     if cannot:
         print_line("It cannot learn")
     for offer in cannot:
-        print_line(f"  {offer.ability.name:6} {offer.ability.sentence}: {offer.reason}")
+        print_line(f"  {offer.ability.name:7} {offer.ability.sentence}: {offer.reason}")
 
 
 def _chosen(plan: str, offered: list[Offer]) -> str:

@@ -91,6 +91,9 @@ class RunProgress(Callback):
         self._bar.update(self._task, total=config.episodes, completed=episodes_done)
         self._show()
 
+    def on_note(self, note: str) -> None:
+        self.note(note)
+
     def on_episode(
         self,
         episode: Episode,

@@ -15,7 +15,12 @@ if TYPE_CHECKING:
     from brickhub.kits.virtual_kit import VirtualRobot
     from bricksrl.envs.connection import Connection, Reconnect
     from bricksrl.envs.episode_state import EpisodeState
+    from bricksrl.envs.hub_policy import HubPolicy
     from bricksrl.envs.task import Task
+
+
+Connect = Callable[[int], "Connection"]
+"""Makes the connection to a robot, given a seed for a virtual one."""
 
 
 class BricksEnv:
@@ -33,6 +38,8 @@ class BricksEnv:
         in_reach: of a virtual robot, may be set before the first reset: while it returns False, the
             link is broken.
         remake: makes it, given a seed; ``None`` if there cannot be two of it, as of a robot.
+        connect_to: makes the connections to a hub that acts by a policy, or as before by none;
+            ``None`` where each step needs this computer, as `by_steps_because` says.
     """
 
     task: Task | None = None
@@ -41,6 +48,8 @@ class BricksEnv:
     link_error: HubError | CameraError = HubError("no link has broken")
     in_reach: Callable[[], bool] = staticmethod(lambda: True)
     remake: Callable[..., object] | None = None
+    connect_to: Callable[[HubPolicy | None], Connect] | None = None
+    by_steps_because: str = "it is no robot of ours with a hub"
     _seed: int | None = None
 
     def __reduce__(self) -> tuple[Callable[[], object], tuple[()]]:
@@ -64,6 +73,10 @@ class BricksEnv:
         """State of the present episode of a single robot; ``None`` without one, and while the robot
         is placed."""
         return None
+
+    def act_by_trials(self, _policy: HubPolicy | None) -> None:
+        """Let the hub act by a policy, a trial at a time, from the next reset on; by none, the
+        computer acts step by step again. Without effect where `connect_to` is ``None``."""
 
     @property
     def is_paused(self) -> bool:

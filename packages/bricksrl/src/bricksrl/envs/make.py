@@ -17,7 +17,9 @@ from brickhub.hub.transports.address import parse_hub
 from brickhub.robot import Robot
 from brickhub.seed import check_seed
 from bricksrl.envs.connection import Connection, Placement
+from bricksrl.envs.env_interface import Connect
 from bricksrl.envs.host_sensors.host_sensor import World, reader_of
+from bricksrl.envs.hub_policy import by_steps_because
 from bricksrl.envs.options import TRANSFORMS, EnvOptions
 from bricksrl.envs.registry import Registration, is_simulation, registration, task_with
 from bricksrl.envs.task import Kinematics, Task
@@ -32,6 +34,7 @@ if TYPE_CHECKING:
 
     from brickhub.hub.link.robot_link import RobotLink
     from brickhub.hub.transports.address import HubAddress
+    from bricksrl.envs.hub_policy import HubPolicy
     from bricksrl.envs.robot_env import RobotEnv
 
 _log = logging.getLogger(__name__)
@@ -158,6 +161,9 @@ def make(
 
     env_type = HubEnv if task.base_env is None else OwnEnv
     env = env_type(described, connect, seed=seed)
+    env.by_steps_because = by_steps_because(task, options)
+    if not env.by_steps_because:
+        env.connect_to = functools.partial(_connections_to, task, options, place)
     if address.is_virtual:
         # A real robot's environment has no `remake`, because there cannot be two links to one hub.
         env.remake = functools.partial(make, env_id, options.as_it_is())
@@ -311,22 +317,44 @@ def _connected(
     task: Task,
     options: EnvOptions,
     place: Placement | None,
+    policy: HubPolicy | None = None,
 ) -> tuple[Task, Callable[[int], Connection]]:
     """The task, with this computer's colours for a real robot, and connections to its robot, by a
-    virtual one's seed."""
+    virtual one's seed. ``policy``: what its hub acts by; by default the computer acts."""
     address = parse_hub(options.hub)
     if address.is_virtual:
-        return task, _virtual(task, options)
+        return task, _virtual(task, options, policy)
     unreal = ("realtime", "randomize", "physics", "link", "scene", "fault")
     options.refuse(
         unreal,
         "a real robot has its own time, physics, link, surroundings and faults; omit realtime, "
         "physics, link, scene and fault",
     )
-    return _real(task, options, address, place)
+    return _real(
+        task,
+        options,
+        address,
+        place,
+        policy,
+    )
 
 
-def _virtual(task: Task, options: EnvOptions) -> Callable[[int], Connection]:
+def _connections_to(
+    task: Task,
+    options: EnvOptions,
+    place: Placement | None,
+    policy: HubPolicy | None,
+) -> Connect:
+    """Connections to a robot whose hub acts by a policy, or by none."""
+    _, connect = _connected(task, options, place, policy)
+    return connect
+
+
+def _virtual(
+    task: Task,
+    options: EnvOptions,
+    policy: HubPolicy | None,
+) -> Callable[[int], Connection]:
     """Connections to virtual robots, by their seed."""
     import numpy as np
 
@@ -380,6 +408,7 @@ def _virtual(task: Task, options: EnvOptions) -> Callable[[int], Connection]:
             options,
             twin,
             calibrate,
+            policy,
             warns=warns,
         )
         warns = False
@@ -400,6 +429,7 @@ def _real(
     options: EnvOptions,
     address: HubAddress,
     place: Placement | None,
+    policy: HubPolicy | None,
 ) -> tuple[Task, Callable[[int], Connection]]:
     from brickhub.hub.diagnostics.calibration import calibration_of
     from brickhub.kits.radio import real_radio
@@ -418,6 +448,7 @@ def _real(
             options,
             transport,
             calibration_of(transport),
+            policy,
         )
     else:
         link = _link(task, options, real_radio(address))
@@ -447,14 +478,17 @@ def _link(
     options: EnvOptions,
     transport: Any,
     calibrate: Calibration | None = None,
+    policy: HubPolicy | None = None,
     *,
     warns: bool = True,
 ) -> RobotLink:
     """Link over a transport to a hub, or over a radio to devices of LEGO's kits, as the robot has
-    them. ``warns`` is whether it says what it lacks."""
+    them. ``policy`` is what the hub acts by itself; ``warns`` is whether the link says what it
+    lacks."""
     from brickhub.hub.link.lockstep import HubLink
     from brickhub.hub.link.own_client import ClientLink
     from brickhub.hub.link.streaming import StreamingLink
+    from brickhub.hub.link.trial_link import TrialLink
     from brickhub.kits.link import KitLink
 
     if not task.robot.hub.model.runs_programs:
@@ -476,8 +510,19 @@ def _link(
             task.client,
             warns=warns,
         )
-    link_type = StreamingLink if options.streaming or task.streams else HubLink
     pipe = Pipe.APP_DATA if options.app_data else Pipe.STDIN
+    if policy is not None:
+        return TrialLink(
+            transport,
+            task.robot,
+            task.interface,
+            policy.numbers,
+            policy.source,
+            tilt_deg=policy.tilt_deg,
+            pipe=pipe,
+            calibrate=calibrate,
+        )
+    link_type = StreamingLink if options.streaming or task.streams else HubLink
     return link_type(
         transport,
         task.robot,

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,19 +13,41 @@ from numpy.typing import NDArray
 from bricksrl.envs.connection import Connection, Reconnect
 from bricksrl.envs.env_interface import BricksEnv
 from bricksrl.envs.episode_state import EpisodeState, Floats
+from bricksrl.envs.hub_policy import HubPolicy, most_steps
 from bricksrl.envs.odometry import Odometer, SonarOdometer, TargetTracker, TrueOdometer, start_pose
 from bricksrl.envs.task import Task
 from bricksrl.envs.vision.camera import Camera, Watch
 from bricksrl.errors import BricksError, CameraError, HubError, StoppedError
 
 if TYPE_CHECKING:
-    from brickhub.hub.link.robot_link import Reading
+    from brickhub.hub.link.robot_link import Reading, RobotLink
+    from brickhub.hub.link.trial_link import TrialLink
     from brickhub.kits.virtual_kit import VirtualRobot
 
 PAUSE_PERIOD_S = 0.2
 """Period of the reads during a pause, which keep the hub program's watchdog from ending it."""
 
 _T = TypeVar("_T")
+
+
+class Chance(NamedTuple):
+    """What an environment draws: generators of what this computer draws and of the robot's place,
+    and the seed of a virtual robot."""
+
+    host: np.random.Generator
+    place: np.random.Generator
+    twin_seed: int
+
+
+def chance_of(seed: int | None) -> Chance:
+    """What an environment of a seed draws. Each part has a stream of its own, so that a place that
+    draws more changes neither goal nor twin."""
+    host, place, twin = np.random.SeedSequence(seed).spawn(3)
+    return Chance(
+        np.random.default_rng(host),
+        np.random.default_rng(place),
+        int(twin.generate_state(1)[0]),
+    )
 
 
 class RobotEnv(BricksEnv):
@@ -57,6 +79,7 @@ class RobotEnv(BricksEnv):
         self.task = task
         self._connect = connect
         self._connection: Connection | None = None
+        self._hub_policy: HubPolicy | None = None
         self._watchers: list[Callable[[Connection], None]] = []
         self._episode: EpisodeState | None = None
         # This keeps the episode even when the link has broken.
@@ -141,12 +164,7 @@ class RobotEnv(BricksEnv):
 
     def _set_seed(self, seed: int | None) -> None:
         self._seed = seed
-        # Each part draws from a stream of its own, so that a place that draws more changes neither
-        # goal nor twin.
-        host, place, twin = np.random.SeedSequence(seed).spawn(3)
-        self._host_rng = np.random.default_rng(host)
-        self._place_rng = np.random.default_rng(place)
-        self._twin_seed = int(twin.generate_state(1)[0])
+        self._host_rng, self._place_rng, self._twin_seed = chance_of(seed)
         if self._connection is not None and self._connection.twin is not None:
             self._close_link()
             self._connection = None
@@ -227,7 +245,34 @@ class RobotEnv(BricksEnv):
         if episode is None:
             raise BricksError(f"{self.task.id} has no episode to step; reset the environment first")
         commands = self._commanded(episode, shares)
-        return self._measure(self._guarded(lambda: link.act(commands)), episode)
+        return self._measure(self._guarded(lambda: self._acted(link, commands, episode)), episode)
+
+    def _acted(
+        self,
+        link: RobotLink,
+        commands: Sequence[float],
+        episode: EpisodeState,
+    ) -> Reading:
+        """The reading after a step: of these commands, or of a trial that the hub makes by
+        itself."""
+        policy = self._hub_policy
+        if policy is None:
+            return link.act(commands)
+        numbers, steps = policy.next_trial()
+        most = most_steps(self.task.interface)
+        # A trial ends with its episode: what came after it would be of no episode.
+        left = self.task.max_steps - episode.step_count
+        of_hub = cast("TrialLink", link)
+        return of_hub.step(numbers, min(steps or most, most, left))
+
+    def act_by_trials(self, policy: HubPolicy | None) -> None:
+        # There is nothing to undo either.
+        if self.connect_to is None or policy is self._hub_policy:
+            return
+        self._close_link()
+        self._connection = None
+        self._connect = self.connect_to(policy)
+        self._hub_policy = policy
 
     def _commanded(
         self,

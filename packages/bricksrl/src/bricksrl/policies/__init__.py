@@ -40,7 +40,7 @@ def load_policy(
     """
     from bricksrl.policies.policy import Policy
     from bricksrl.policies.sharing import is_policy, load_shared
-    from bricksrl.training.learners import load_learner
+    from bricksrl.training.learners import load_learner, on_its_hub
 
     check_value("path", path, Path | str)
     path = Path(path)
@@ -58,7 +58,7 @@ def load_policy(
         else:
             trained = with_unit_actions(env)
         if is_policy(path):
-            learner = load_shared(path, trained)
+            learner = on_its_hub(load_shared(path, trained), trained)
         else:
             learner = load_learner(path, trained, which=which).learner
         # Whoever gave no transforms gives what the robot observes, and the policy transforms it.

@@ -2,11 +2,12 @@
 
 import itertools
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field
 from pathlib import Path
 from statistics import fmean, median
+from types import ModuleType
 from typing import Any
 
 import torch
@@ -14,17 +15,18 @@ from tensordict import TensorDictBase
 
 from brickhub.files import check_writable, refuse_existing, write_durably
 from brickhub.hub.program.compile import compile_program, program_blob
-from brickhub.hub.program.generate import Goals, generate_alone
+from brickhub.hub.program.generate import Goals, Place, generate_alone, start_line
 from brickhub.search.structure import source_by
-from brickhub.seed import derive_seed
+from brickhub.seed import episode_seed
 from brickhub.virtual.interpreter import execute
 from brickhub.virtual.machine import Machine
 from brickhub.virtual.micropython.exceptions import HostStop
 from brickhub.virtual.pybricks import modules
-from bricksrl.agents.search.structures import Approach, Oscillators, StructuredActor
+from bricksrl.agents.search.structures import hub_structure
 from bricksrl.envs.env_interface import interface_of
 from bricksrl.envs.make import make
-from bricksrl.envs.odometry import Odometer, SonarOdometer, TrueOdometer
+from bricksrl.envs.odometry import Odometer, SonarOdometer, TrueOdometer, floor_pose
+from bricksrl.envs.robot_env import chance_of
 from bricksrl.envs.rollout import play_episodes
 from bricksrl.envs.task import Task
 from bricksrl.envs.transforms import base_of
@@ -175,12 +177,8 @@ def _task_of(env: Any) -> Task:
     """The task of an environment. Raises RunError if a hub by itself cannot know what it
     observes."""
     task = interface_of(env).task
-    if task is not None and task.target is not None:
-        raise RunError(
-            f"a hub by itself does not know where the place to reach of {task.id} is; export the "
-            "policy of another task"
-        )
-    if task is None or task.images or task.sensors or task.client:
+    lacks_measure = task is not None and task.target is not None and task.measured_entries
+    if task is None or task.images or task.sensors or task.client or lacks_measure:
         reason = "a hub by itself sees no images and nothing that this computer senses"
         raise RunError(f"{reason}; export the policy of another task")
     return task
@@ -216,12 +214,13 @@ def _export(
     )
     before = [episode.return_ for episode in played]
     age_ms = _age_ms(ends_s, task.interface.settle.fixed_ms)
-    if isinstance(actor, StructuredActor) and isinstance(actor.structure, Oscillators | Approach):
+    single = None if actor is None else hub_structure(actor)
+    if single is not None:
         kind = "gait"
-        source = source_by(actor.structure.single, actor.best.tolist())
+        source = source_by(single, actor.best.tolist())
     else:
         kind = "network"
-        observed = task.entries[: len(channels) + len(task.sampled_entries)]
+        observed = task.entries[: _observed_count(task)]
         network = HubNetwork(observed, len(task.interface.commands), hidden)
         distil(env, policy, network, _SEED)
         source = network.hub_source()
@@ -235,19 +234,15 @@ def _export(
         age_ms,
         goals_of(task),
         out.stem if has_world else "",
+        place_of(task),
     )
     blob = program_blob(compile_program(program), task.robot.hub)
-    # The program itself, in the virtual hub, which counts its time and its memory.
+    # The program itself, in the virtual hub, which counts its time and its memory: from where the
+    # policy began, to the same goals.
     alone = []
-    for number in range(episodes):
-        alone.append(
-            play_alone(
-                program.source,
-                task,
-                physics,
-                derive_seed(_SEED, "hub", number),
-            )
-        )
+    for number in range(1, episodes + 1):
+        seed = episode_seed("evaluation", _SEED, number)
+        alone.append(play_as_env(program.source, task, physics, seed))
     computing_ms = max(episode.computing_ms for episode in alone)
     heap_bytes = max(episode.heap_bytes for episode in alone)
     if computing_ms > task.interface.settle.longest_ms:
@@ -269,6 +264,30 @@ def _export(
         computing_ms,
         policy_return,
         hub_return,
+    )
+
+
+def _observed_count(task: Task) -> int:
+    """How many entries of the observation, the first ones, a hub by itself knows."""
+    if task.target is not None:
+        return len(task.entries)
+    return len(task.observed_channels) + len(task.sampled_entries)
+
+
+def place_of(task: Task) -> Place | None:
+    """The place that a hub reckons from the middle of the task's starts, if the task has one."""
+    base = task.robot.drive_base
+    if task.target is None or base is None:
+        return None
+    x_mm, y_mm = (sum(ends) / 2 for ends in task.scene.start_mm)
+    heading_deg = sum(task.scene.heading_deg) / 2
+    place = task.target.place
+    return Place(
+        (x_mm, y_mm, heading_deg),
+        (place.x_mm, place.y_mm, place.heading_deg),
+        (base.left, base.right),
+        base.turn_deg(1.0),
+        base.axle_track_mm,
     )
 
 
@@ -301,7 +320,14 @@ class _Over(HostStop):
 @dataclass
 class Alone:
     """An episode of a program that acts by itself, read from what it prints; a console of the
-    virtual hub."""
+    virtual hub.
+
+    Attributes:
+        return_, length: rewards and steps so far.
+        computing_ms, heap_bytes: the longest that it has computed before a step, and its largest
+            heap.
+        seen: the last observation ``[n]``, and the action ``[m]`` on it.
+    """
 
     task: Task
     machine: Machine
@@ -313,7 +339,7 @@ class Alone:
     computing_ms: int = 0
     heap_bytes: int = 0
     _line: bytes = b""
-    _before: tuple[torch.Tensor, torch.Tensor] | None = field(default=None, init=False)
+    seen: tuple[torch.Tensor, torch.Tensor] | None = field(default=None, init=False)
     _commanded: list[float] = field(default_factory=list, init=False)
 
     def available(self) -> int:
@@ -335,7 +361,7 @@ class Alone:
         """Take the reward of the step that ended with these numbers, if they are not the first.
         Raises _Over at the end."""
         task = self.task
-        count = len(task.observed_channels) + len(task.sampled_entries)
+        count = _observed_count(task)
         commands = task.interface.commands
         self.computing_ms = max(self.computing_ms, round(numbers[0]))
         self.heap_bytes = max(self.heap_bytes, self.heap())
@@ -346,15 +372,17 @@ class Alone:
         last = last[: len(task.command_entries)]
         forward_mm = self.odometer.forward_mm(self.machine.body_ms / 1000, seen)
         moved = [forward_mm][: len(task.measured_entries)]
-        observation = torch.tensor([*seen, *moved, *last])
+        # A hub that reckons a place tells its last commands, too.
+        unknown = [] if task.target is not None else [*moved, *last]
+        observation = torch.tensor([*seen, *unknown])
         self._commanded = []
         actions = []
         for command, number in zip(commands, numbers[count + 1 :], strict=True):
             value = number / command.scale
             self._commanded.append(value)
             actions.append((2 * value - command.low - command.high) / (command.high - command.low))
-        before = self._before
-        self._before = (observation, torch.tensor(actions))
+        before = self.seen
+        self.seen = (observation, torch.tensor(actions))
         if before is None:
             return
         self.return_ += float(task.reward(*before, observation))
@@ -363,27 +391,75 @@ class Alone:
             raise _Over
 
 
+def play_as_env(
+    source: str,
+    task: Task,
+    physics: Physics | None,
+    seed: int,
+) -> Alone:
+    """Let a program of `generate_alone` play the episode that an environment plays by a seed, on a
+    virtual hub: from the same start, and to the same goals. Raises the program's exception."""
+    chance = chance_of(seed)
+    body: Any = make_body(
+        task.robot,
+        scene=task.scene,
+        physics=physics,
+        seed=chance.twin_seed,
+    )
+    body.reset(chance.place)
+    place = place_of(task)
+    if place is not None:
+        # The program is told where the robot was put, as its user tells it.
+        there = floor_pose(body.pose())
+        start = start_line((there.x_mm, there.y_mm, there.heading_deg))
+        source = source.replace(start_line(place.start), start)
+    goals = [entry.draw(chance.host) for entry in task.sampled_entries]
+    return _play(source, task, body, _told(goals))
+
+
+def _told(goals: Sequence[float]) -> ModuleType:
+    """MicroPython's module ``urandom``, which draws these goals, one after the other."""
+    left = itertools.cycle(goals)
+    told = ModuleType("urandom")
+    told.uniform = lambda _low, _high: next(left)  # type: ignore[attr-defined]
+    told.randint = lambda _low, _high: int(next(left))  # type: ignore[attr-defined]
+    return told
+
+
 def play_alone(
     source: str,
     task: Task,
     physics: Physics | None,
     seed: int,
 ) -> Alone:
-    """Let a program of `generate_alone` play an episode of the task on a virtual hub. Raises the
-    program's exception."""
+    """Let a program of `generate_alone` play an episode of the task on a virtual hub, which draws
+    its goals itself. Raises the program's exception."""
     body: Any = make_body(
         task.robot,
         scene=task.scene,
         physics=physics,
         seed=seed,
     )
+    return _play(source, task, body, on_ms=seed % _LONGEST_ON_MS)
+
+
+def _play(
+    source: str,
+    task: Task,
+    body: Any,
+    random: ModuleType | None = None,
+    on_ms: int = 0,
+) -> Alone:
+    """Play an episode with a body at its start."""
     machine = Machine(body)
     # A hub draws by the time that it has been on.
-    machine.advance(seed % _LONGEST_ON_MS)
+    machine.advance(on_ms)
     pose = getattr(body, "pose", None)
     odometer = SonarOdometer(task.interface) if pose is None else TrueOdometer(pose, 0.0)
     episode = Alone(task, machine, odometer)
     importable = modules(machine, episode)
+    if random is not None:
+        importable["urandom"] = random
     episode.heap = importable["gc"].mem_alloc
     try:
         execute(

@@ -17,6 +17,7 @@ from torchrl.envs.utils import ExplorationType, set_exploration_type
 
 from bricksrl.data.collect import random_policy
 from bricksrl.envs import rollout
+from bricksrl.envs.env_interface import interface_of
 from bricksrl.envs.tasks.scripted import ArrayPolicy
 from bricksrl.envs.transforms import Playback, base_of, layout_of, over, steps_of, still
 from bricksrl.errors import DescriptionError
@@ -195,4 +196,6 @@ def array_player(make: Callable[[], ArrayPolicy]) -> Player:
 
 def random_player(env: EnvBase, seed: int) -> Player:
     """Player of uniform random actions."""
+    # The hub of a policy of its own would not heed them.
+    interface_of(env).act_by_trials(None)
     return Player(random_policy(env, seed))

@@ -139,6 +139,9 @@ class Callback:
     def on_learner(self, learner: Learner) -> None:
         """The learner of the run; for asynchronous runs its robot-side actor."""
 
+    def on_note(self, note: str) -> None:
+        """A line for the user, about how the robot acts."""
+
     def on_start(
         self,
         config: TrainConfig,

@@ -77,7 +77,14 @@ def load_learner(
     agent = {key: value for key, value in state["agent"].items() if key != "memory"}
     learner.load_state_dict(agent)
     check_weights(learner)
-    return Trained(learner, len(state["episodes"]))
+    return Trained(on_its_hub(learner, env), len(state["episodes"]))
+
+
+def on_its_hub(learner: Learner, env: EnvBase) -> Learner:
+    """A learner that only acts, by the hub of an environment's robot where it needs that."""
+    if learner.needs_hub:
+        learner.use_hub_of(env)
+    return learner
 
 
 def untrained_learner(run_dir: Path | str, env: EnvBase) -> Learner:
@@ -85,7 +92,8 @@ def untrained_learner(run_dir: Path | str, env: EnvBase) -> Learner:
     no run in the folder."""
     config = RunFolder(run_dir).read_config()
     with reproducible(derive_seed(config.seed, "agent")):
-        return make_learner_for(config, env, device="cpu")
+        learner = make_learner_for(config, env, device="cpu")
+    return on_its_hub(learner, env)
 
 
 def one_robot(config: TrainConfig) -> TrainConfig:

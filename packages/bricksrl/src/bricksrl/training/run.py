@@ -219,6 +219,11 @@ def _run_in(
         load_transform_state(env, state["transforms"])
     callback.on_env(env)
     callback.on_learner(learner)
+    # Copies and fleets are robots of other processes.
+    is_one_robot = not env.batch_size and len(config.hubs) == 1
+    how = learner.use_hub_of(env) if is_one_robot else ""
+    if how:
+        callback.on_note(how)
     # The lock is released last, because a learner in another process may write until it has ended.
     with ExitStack() as lock, ExitStack() as stack:
         side = _learning(

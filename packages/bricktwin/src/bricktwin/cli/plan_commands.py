@@ -64,12 +64,10 @@ class CheckPlan:
     def execute(self) -> int:
         plan = read_named_plan(self.plan)
         # Models import MuJoCo, which no other command of plans needs.
-        from bricktwin.twin.models.balance import plan_balance
+        from bricktwin.twin.models.balance import plan_balance, plan_stance
 
         balance = plan_balance(plan)
-        findings = check(plan) + check_named(plan)
-        if balance is not None:
-            findings += balance.findings
+        findings = check(plan) + check_named(plan) + plan_stance(plan)
         for finding in findings:
             location = f"line {finding.line}" if finding.line else "the plan"
             print_line(f"{location:9} {finding.name:13} {finding.detail}")

@@ -73,7 +73,12 @@ def planned_robot(path: Path) -> PlannedRobot:
 @functools.lru_cache(maxsize=16)
 def _planned(path: Path, _sources: tuple[bytes, ...]) -> PlannedRobot:
     # The sources are part of the key, because a file may change while a program runs.
-    plan = read_plan(path)
+    return planned_as_drawn(read_plan(path))
+
+
+def planned_as_drawn(plan: Plan) -> PlannedRobot:
+    """The robot of a plan that may say no ports, which are then given in the order of building.
+    Raises PlanError as `planned`."""
     with_ports = wired(plan)
     # Who writes ports has read how our plans are drawn; all others may face anywhere.
     is_wired = with_ports is plan

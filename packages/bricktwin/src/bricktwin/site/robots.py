@@ -1,17 +1,21 @@
 """Robots of a site: for each robot and world a file with its physics and how it is drawn."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from brickhub.files import as_file_name
 from brickhub.robot import Robot
+from bricktwin.plans.planned_robot import planned_robot
 from bricktwin.robots import EV3_DRIVER, ROBO_ARM, SCOUT, TWO_WHEELER, WALKER
+from bricktwin.robots.planned import plan_file
 from bricktwin.site.robot_files import robot_file
 from bricktwin.site.storing import write_packed_json
 from bricktwin.site.tab.lessons import described as described_lesson
 from bricktwin.site.tab.lessons import lesson_for
 from bricktwin.twin.make_body import make_body
+from bricktwin.twin.models.balance import lean_on_one_axle_deg
 from bricktwin.twin.mujoco_body import MujocoBody
 from bricktwin.twin.scene import OPEN_FLOOR, Scene
 from bricktwin.view.body_drawing import drawing_of
@@ -64,7 +68,9 @@ def write_robots(
         elif robot.needs_imu:
             worlds.update({name: world(name) for name in _WITHOUT_WHEELS})
         worlds.update(further.get(robot.name, {}))
-        worlds = {name: scene for name, scene in worlds.items() if _can_be_in(robot, scene)}
+        worlds = {
+            name: _held(robot, scene) for name, scene in worlds.items() if _can_be_in(robot, scene)
+        }
         folder = f"robots/{as_file_name(robot.name)}"
         (site / folder).mkdir(parents=True)
         index.append(
@@ -78,6 +84,16 @@ def write_robots(
             }
         )
     return index
+
+
+def _held(robot: Robot, scene: Scene) -> Scene:
+    """A scene in which a hand holds a robot that stands on one axle alone; for any other as it
+    is."""
+    plan = plan_file(robot.model or "")
+    lean_deg = None if plan is None else lean_on_one_axle_deg(planned_robot(plan))
+    if lean_deg is None:
+        return scene
+    return replace(scene, held_deg=(lean_deg, lean_deg))
 
 
 def _can_be_in(robot: Robot, scene: Scene) -> bool:
@@ -114,7 +130,7 @@ def _write_worlds(
         title = name.replace("-", " ").replace("_", " ")
         path = f"{folder}/{as_file_name(name)}.json"
         write_packed_json(site / path, {"robot": file, "drawing": described, "start": _start(body)})
-        lesson = lesson_for(robot, name)
+        lesson = lesson_for(robot, name, is_held=scene.held_deg is not None)
         taught = None if lesson is None else described_lesson(lesson)
         index.append({"name": name, "title": title, "file": path, "lesson": taught})
     return index

@@ -130,6 +130,10 @@ class TwinBody(StandingRobot):
     def advance_to(self, time_ms: int) -> None:
         """Integrate whole steps up to this simulated time."""
         remaining = time_ms * 2 // 5 - self.steps  # steps of 2.5 ms
+        if self.is_held:
+            # A hand keeps all of it as it is.
+            self.steps += max(0, remaining)
+            return
         while remaining > 0:
             # Up to the next load of the battery in one call, as each call takes time of its own.
             steps = STEPS_PER_LOAD - self.steps % STEPS_PER_LOAD
@@ -202,6 +206,7 @@ class TwinBody(StandingRobot):
         if (voltage_mv is None) is not is_open:
             engine.switch_circuits(circuit)
         if voltage_mv is not None:
+            self.is_held = False
             # Comparisons, as `min` and `max` take longer, and each control loop comes here.
             share = voltage_mv / self.battery_mv
             if share > 1.0:

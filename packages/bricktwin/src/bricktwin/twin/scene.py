@@ -13,6 +13,8 @@ FLOOR = (0.82, 0.82, 0.84)
 _MAX_HEADING_AT_WALL_DEG = 60.0
 _OBJECT = "Block(at_mm=(300, 0))"
 
+_MOST_HELD_DEG = 45.0
+
 
 @dataclass(frozen=True)
 class Scene:
@@ -28,6 +30,9 @@ class Scene:
             ``bricktwin.twin.objects``.
         start_mm: ranges of x and y of the robot's start position, drawn uniformly; ignored with a
             wall ahead.
+        held_deg: lowest and highest pitch, nose down positive, at which a hand holds the robot at
+            the start, drawn uniformly; it lets go when a motor first gets a voltage. ``None`` for a
+            robot that stands by itself.
         light_pct: ambient light of the room, as read by an ambient light sensor.
         ball: a red ball in the gripper, for robots that have one.
         readings: for a robot without a MuJoCo model: stimuli of its sensors, as functions of the
@@ -42,6 +47,7 @@ class Scene:
     heading_deg: tuple[float, float] = (0.0, 0.0)
     objects: tuple[Object, ...] = ()
     start_mm: tuple[tuple[float, float], tuple[float, float]] = ((0.0, 0.0), (0.0, 0.0))
+    held_deg: tuple[float, float] | None = None
     light_pct: float = 20.0
     ball: bool = False
     # Without them in the hash, as a dict has none; scenes are keys of compiled models.
@@ -61,6 +67,13 @@ class Scene:
                 bounds,
                 -10_000.0,
                 10_000.0,
+            )
+        if self.held_deg is not None:
+            _check_range(
+                "held_deg",
+                self.held_deg,
+                -_MOST_HELD_DEG,
+                _MOST_HELD_DEG,
             )
         if not 0.0 <= self.light_pct <= 100.0:
             raise TwinError(f"scene: light_pct is {self.light_pct}; give 0 to 100")

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from typing import Protocol
 
 from bricktwin.twin.engines.engine import Engine
+from bricktwin.twin.engines.rotations import Quaternion
 from bricktwin.twin.model_physics import Placed
 from bricktwin.twin.scene import Scene
 from bricktwin.twin.stance import refuse_overlap
@@ -22,12 +23,17 @@ class Settling(Placed, Protocol):
 
     Attributes:
         base_address: of the first position of its first joint.
+        is_held: whether a hand holds it, so that it does not turn.
     """
 
     base_address: int
+    is_held: bool
 
     def update_turns(self) -> None:
         """Take note of the present orientation."""
+
+    def hold(self, orientation: Quaternion) -> None:
+        """Turn it back to an orientation, at rest."""
 
 
 def settle(engine: Engine, robots: Sequence[Settling]) -> None:
@@ -46,9 +52,20 @@ def settle(engine: Engine, robots: Sequence[Settling]) -> None:
             held[dof] = _HELD_KG_M2
     starts_m = [qpos[place] for place in places]
 
+    in_hands: list[tuple[Settling, Quaternion]] = []
+    for robot in robots:
+        if robot.is_held:
+            first = robot.base_address + 3
+            w, x, y, z = qpos[first : first + 4]
+            in_hands.append((robot, (w, x, y, z)))
+    # What a hand holds turns little in the time between two of its looks.
+    steps_at_once = 1 if in_hands else _STEPS_AT_ONCE
+
     engine.set_parameters("dof_armature", held)
-    for _ in range(_SETTLING_STEPS // _STEPS_AT_ONCE):
-        engine.step(_STEPS_AT_ONCE)
+    for _ in range(_SETTLING_STEPS // steps_at_once):
+        engine.step(steps_at_once)
+        for robot, orientation in in_hands:
+            robot.hold(orientation)
         if max(map(abs, engine.qvel)) < _AT_REST:
             break
     engine.set_parameters("dof_armature", armature)

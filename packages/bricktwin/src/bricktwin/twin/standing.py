@@ -68,6 +68,7 @@ class StandingRobot:
         motors: where its motors are in the model.
         chassis: index of the first body; ``moves``: whether it moves freely.
         base_address: of the first position of its joint.
+        is_held: whether a hand holds it now.
         physics: the present parameters.
     """
 
@@ -94,6 +95,7 @@ class StandingRobot:
         self.chassis = root.body
         self.moves = root.is_free
         self.base_address = root.address
+        self._base_dof = root.dof
         self._feet = root.feet
         imu = f"{prefix}imu"
         self._base: FloatingBase | FixedBase
@@ -113,6 +115,7 @@ class StandingRobot:
         for number in scene.pushable:
             joint = engine.index("joint", object_name(number))
             self._block_addresses.append(addresses[joint])
+        self.is_held = False
         self._use(physics)
 
     def _use(self, physics: Physics) -> None:
@@ -147,6 +150,7 @@ class StandingRobot:
         """Settle, try all starts, and put the robot down for the first time. ``rng``: generator of
         the first start. Raises TwinError if the robot cannot stand at each of its starts."""
         self._random_physics = physics if isinstance(physics, RandomPhysics) else None
+        self.is_held = self._falls_by_itself
         self._apply(self.physics)
         # All starts are tried before the first one, so that no later episode fails.
         self._settle()
@@ -182,6 +186,7 @@ class StandingRobot:
                 drawn = dataclasses.replace(drawn, side_load_g=0.0)
             self._apply(drawn)
         halt(self.engine)
+        self.is_held = self._falls_by_itself
         self._reset_blocks(rng)
         if self.moves:
             self._place(rng.uniform)
@@ -230,8 +235,31 @@ class StandingRobot:
             start_m.append(place_mm / 1000)
         x_m, y_m = start_m
         self.put(Pose(x_m, y_m, heading_deg))
+        if self.is_held and self.scene.held_deg is not None:
+            self._lean(math.radians(draw(*self.scene.held_deg)))
         if self.scene.wall_distance_mm is not None:
             self.face_wall(draw(*self.scene.wall_distance_mm), heading_deg)
+
+    @property
+    def _falls_by_itself(self) -> bool:
+        return self.moves and self.scene.held_deg is not None
+
+    def hold(self, orientation: Quaternion) -> None:
+        """Turn the robot back to an orientation, at rest, as a hand does that holds it."""
+        engine = self.engine
+        for number, value in enumerate(orientation, self.base_address + 3):
+            engine.qpos[number] = value
+        for number in range(self._base_dof + 3, self._base_dof + 6):
+            engine.qvel[number] = 0.0
+
+    def _lean(self, pitch: float) -> None:
+        """Turn the robot that was put down nose down, by so many radians, about its axle: it stays
+        as high as it is."""
+        first = self.base_address + 3
+        w, x, y, z = self.engine.qpos[first : first + 4]
+        # About the axis to the left, in its own frame.
+        lean = (math.cos(pitch / 2), 0.0, math.sin(pitch / 2), 0.0)
+        self.hold(product((w, x, y, z), lean))
 
     # ---------------------------------------------------------------- where it is
 

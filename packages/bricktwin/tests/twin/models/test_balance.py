@@ -7,13 +7,24 @@ from pathlib import Path
 
 import pytest
 
+from brickhub.finding import Outcome
 from bricktwin.plans import ldraw_file
+from bricktwin.plans.mechanism.motor_role import Role
+from bricktwin.plans.mechanism.roles import roles_of
 from bricktwin.plans.plan import Plan, make_plan, read_plan
+from bricktwin.plans.planned_robot import planned_as_drawn, planned_robot
 from bricktwin.robots import plans
-from bricktwin.twin.models.balance import Balance, plan_balance
+from bricktwin.twin.models.balance import (
+    Balance,
+    lean_on_one_axle_deg,
+    plan_balance,
+    plan_stance,
+)
 
 OURS = sorted(Path(plans.__path__[0]).glob("*.ldr"))
-EXAMPLES = sorted((Path(__file__).parents[5] / "examples").glob("**/*.ldr"))
+DRAWN = Path(__file__).parents[5] / "examples"
+BALANCER = DRAWN / "drawings" / "balancer.ldr"
+EXAMPLES = sorted(path for path in DRAWN.glob("**/*.ldr") if path != BALANCER)
 STANDS = Balance(
     mass_g=400.0,
     height_mm=60.0,
@@ -44,15 +55,38 @@ def fault_of(plan: Plan) -> str:
 
 @pytest.mark.parametrize("path", [*OURS, *EXAMPLES], ids=lambda path: path.stem)
 def test_our_robots_stand(path: Path) -> None:
-    balance = plan_balance(read_plan(path))
-    assert balance is None or balance.findings == []
+    assert plan_stance(read_plan(path)) == []
+
+
+def test_robot_on_one_axle_falls_unless_its_motors_keep_it_upright() -> None:
+    (finding,) = plan_stance(read_plan(BALANCER))
+    assert finding.outcome is Outcome.WARNING
+    assert finding.detail == (
+        "it stands on one axle alone, and falls; add a caster, or let it learn to keep upright"
+    )
+
+
+def test_lean_of_a_robot_is_that_with_its_mass_above_its_axle() -> None:
+    assert lean_on_one_axle_deg(planned_robot(BALANCER)) == pytest.approx(0.0, abs=0.5)
+    for path in (*OURS, *EXAMPLES):
+        assert lean_on_one_axle_deg(planned_robot(path)) is None
+
+
+def test_wheels_that_hang_in_the_air_are_a_finding() -> None:
+    rover = next(path for path in EXAMPLES if path.stem == "rover")
+    # With smaller wheels it stands on its caster and its color sensor.
+    text = rover.read_text().replace(" 49295p02.dat", " 39367p02.dat")
+    plan = make_plan(ldraw_file.parse(text, "try.ldr"))
+    (finding,) = plan_stance(plan)
+    assert finding.name == "wheels"
+    assert "its driven wheels do not touch the floor" in finding.detail
 
 
 def test_robot_without_its_caster_tips_over() -> None:
     path = next(path for path in OURS if path.stem == "two_wheeler")
     detail = fault_of(without(path, "39370"))
     assert "tips over backwards" in detail
-    assert "behind its back wheels; move the hub forwards, or add a caster" in detail
+    assert "behind its back wheels; move the hub forwards, or add a caster, or let it" in detail
 
 
 def test_robot_without_its_tail_tips_over() -> None:
@@ -73,6 +107,14 @@ def test_balance_is_of_robots_that_can_move_around() -> None:
     arm = next(path for path in OURS if path.stem == "robo_arm")
     assert plan_balance(read_plan(arm)) is None
     assert plan_balance(without(OURS[0], "95646", "54696", "67718")) is None
+
+
+def test_crane_that_stands_on_its_hub_has_no_legs() -> None:
+    path = next(path for path in EXAMPLES if path.stem == "crane")
+    free = without(path, "FIXED", "STOPS")
+    robot = planned_as_drawn(free)
+    assert set(roles_of(robot.plan, robot.articulation).values()) == {Role.JOINT}
+    assert plan_balance(free) is None
 
 
 def test_an_unknown_part_may_be_the_caster() -> None:

@@ -48,6 +48,24 @@ class Goals(NamedTuple):
     steps: int
 
 
+class Place(NamedTuple):
+    """A place that a hub finds by dead reckoning, as nobody tells it where that is. Both poses are
+    in mm along x and y, and in degrees clockwise from x.
+
+    Attributes:
+        start: where the robot is put.
+        place: where it is to go.
+        wheels: names of the left and the right motor of its drive base.
+        deg_per_mm, track_mm: of that.
+    """
+
+    start: tuple[float, float, float]
+    place: tuple[float, float, float]
+    wheels: tuple[str, str]
+    deg_per_mm: float
+    track_mm: float
+
+
 def validate(robot: Robot, interface: Interface) -> None:
     """Check that the robot has every device that the interface names and that all ranges fit the
     wire. Raises ProgramError if this kind of hub is not supported, DescriptionError if robot and
@@ -181,6 +199,7 @@ def generate_alone(
     age_ms: int,
     goals: Goals | None = None,
     world: str = "",
+    place: Place | None = None,
 ) -> HubProgram:
     """Generate a program with which ``robot`` acts by itself, without a host, until the center
     button is pressed.
@@ -194,6 +213,8 @@ def generate_alone(
             learned with.
         goals: what the hub draws itself; by default nothing.
         world: name of the world that the policy is for, which the header says.
+        place: what it reckons, of which the policy observes last its commands, in their units, and
+            where the place is: see ``onboard/reckoning.py``.
 
     Raises:
         DescriptionError: robot and interface do not match.
@@ -203,8 +224,13 @@ def generate_alone(
     policy_imports, policy = _parted(policy)
     alone_imports, alone = _onboard("alone")
     goal_imports, goal_part = _goals(goals)
+    place_imports, place_part = _reckoning(place)
+    added = " + goals()" if goals else ""
+    if place is not None:
+        added += f" + [{_last_commands(interface)}] + seen_place()"
     constants = [
         *_step_constants(interface),
+        _counting(interface, observed),
         f"AGE_MS = {age_ms}  # age of an observation when its commands start",
         "# Middle and half of each command's range, times its scale.",
         f"SPANS = {_spans(interface)}",
@@ -215,17 +241,20 @@ def generate_alone(
         _devices(robot, interface),
         _start_moves(robot, interface),
         *goal_part,
-        _observe(interface, observed, " + goals()" if goals else ""),
+        *place_part,
+        _observe(interface, observed, added),
         policy,
         _onboard("moves")[1],
+        _onboard("relative")[1],
         alone,
     ]
     end = f"It acts by itself, by {origin}, until the center button is pressed."
     # What names the program, and the robot that a page puts on its stage for it.
-    place = f"# Robot: {robot.name} {world}".rstrip()
-    title = f"# {origin[:1].upper()}{origin[1:]}\n{place}\n"
+    robot_line = f"# Robot: {robot.name} {world}".rstrip()
+    title = f"# {origin[:1].upper()}{origin[1:]}\n{robot_line}\n"
     header = title + _header(robot, interface, end)
     imports = _robot_imports(robot, interface) + policy_imports + alone_imports + goal_imports
+    imports = list(dict.fromkeys(imports + place_imports))
     return HubProgram(_joined(header, imports, parts), 0, says_hello=False)
 
 
@@ -273,6 +302,7 @@ def generate_trials(
         *_step_constants(interface),
         "# Middle and half of each command's range, times its scale.",
         f"SPANS = {_spans(interface)}",
+        _counting(interface, range(len(interface.channels))),
         f"LIMITS = {tuple(limits)}  # index of a tilt, and where it ends a trial",
         f"LONGEST_MS = {LONGEST_TRIAL_MS}  # of a trial",
         f"END_MS = {END_MS}  # silence between trials that ends the program",
@@ -288,6 +318,7 @@ def generate_trials(
         policy,
         _onboard("moves")[1],
         _onboard("frames")[1],
+        _onboard("relative")[1],
         trials,
     ]
     end = "It makes trials by itself, by numbers that it is told."
@@ -298,6 +329,14 @@ def generate_trials(
 def _input(pipe: Pipe) -> tuple[list[str], str]:
     """Import lines and body of what talks to the host."""
     return _onboard({Pipe.STDIN: "stdio", Pipe.APP_DATA: "app_data"}[pipe])
+
+
+def _counting(interface: Interface, observed: Sequence[int]) -> str:
+    """Line with the places of what counts on, among what a policy observes, which takes it from its
+    own start."""
+    channels = interface.channels
+    places = [place for place, index in enumerate(observed) if channels[index].accumulates]
+    return f"COUNTING = {tuple(places)}  # places of what counts from the start of the acting"
 
 
 def _spans(interface: Interface) -> tuple[tuple[float, float], ...]:
@@ -632,6 +671,40 @@ def _goals(goals: Goals | None) -> tuple[list[str], list[str]]:
         f"GOAL_STEPS = {goals.steps}  # steps after which they are drawn anew\n"
     )
     return imports, [constants, body]
+
+
+def _reckoning(place: Place | None) -> tuple[list[str], list[str]]:
+    """Import lines and parts of a program that reckons a place."""
+    if place is None:
+        return [], []
+    imports, body = _onboard("reckoning")
+    left, right = place.wheels
+    lines = [
+        "# Where the robot is put, and where it is to go: mm along x and y, degrees clockwise.",
+        start_line(place.start),
+        f"PLACE = {place.place}",
+        f"DEG_PER_MM = {place.deg_per_mm:.6g}",
+        f"TRACK_MM = {place.track_mm:g}",
+        "",
+        "",
+        "def wheels():",
+        f"    return motor_{left}.angle(), motor_{right}.angle()",
+    ]
+    return imports, ["\n".join(lines) + "\n", body]
+
+
+def start_line(start: tuple[float, float, float]) -> str:
+    """Line of a program that says where the robot is put."""
+    x_mm, y_mm, heading_deg = start
+    return f"START = ({x_mm:.1f}, {y_mm:.1f}, {heading_deg:.1f})"
+
+
+def _last_commands(interface: Interface) -> str:
+    """Expressions of the last commands, in their units."""
+    parts = [
+        f"COMMANDED[{index}] / {command.scale}" for index, command in enumerate(interface.commands)
+    ]
+    return ", ".join(parts)
 
 
 def _observe(

@@ -1,7 +1,8 @@
 """Policy search as a learner: the few numbers of a structured policy, tried on the robot.
 
 A trial acts by one set of numbers for some steps, without a reset; its score is the mean reward
-once the robot has settled. `brickhub.search` proposes the numbers.
+once the robot has settled. `brickhub.search` proposes the numbers. Where it can, the robot's hub
+makes a trial by itself, and each step of the environment takes what the hub tells of it.
 """
 
 from collections.abc import Callable
@@ -18,9 +19,15 @@ from brickhub.fields import check_fields
 from brickhub.search.bayesian_search import BayesianSearch, trial_score
 from brickhub.user_files import NotCode
 from bricksrl.agents.learner import Learner
-from bricksrl.agents.search.structures import STRUCTURES, StructuredActor, make_structure
+from bricksrl.agents.search.structures import (
+    STRUCTURES,
+    StructuredActor,
+    hub_structure,
+    make_structure,
+)
 from bricksrl.agents.settings import NotNegative, Positive, Presets, Range
 from bricksrl.envs.env_interface import interface_of
+from bricksrl.envs.hub_policy import HubPolicy, most_steps
 from bricksrl.envs.rollout import lost_links
 from bricksrl.envs.task import never
 from bricksrl.envs.transforms import keeps_vectors, layout_of, steps_of
@@ -32,8 +39,8 @@ class GaitSettings:
     """Settings of policy search."""
 
     structure: Annotated[str, NotCode(tuple(STRUCTURES))] = ""
-    """oscillators (legs held at phases), approach (a speed by a distance), linear (feedback), or
-    FILE.py:NAME; by default oscillators where there are legs."""
+    """oscillators (legs held at phases), approach (a speed by a distance), upright (two wheels in
+    balance), linear (feedback), or FILE.py:NAME; by default oscillators where there are legs."""
     trial_steps: Annotated[int, Range(1)] = 10
     """Steps of a trial."""
     settle_steps: Annotated[int, NotNegative] = 3
@@ -48,6 +55,13 @@ class GaitSettings:
     tilt_deg: Annotated[float, Positive] = 35.0
     """Pitch or roll that ends a trial at once; it then scores no more than the worst trial, as one
     that ends without success."""
+
+    falls_late: bool = False
+    """Whether a trial that ends early is as good as its steps, and each that it lacks counts as 0:
+    where to fall late is better than soon. Else it is no better than the worst trial."""
+    on_hub: bool = True
+    """Whether the hub makes each trial by itself, where it can; else this computer sends each
+    step's commands."""
 
     def __post_init__(self) -> None:
         check_fields(type(self), vars(self))
@@ -94,6 +108,62 @@ class PolicySearch(Learner):
         self.actor.trial.copy_(torch.tensor(self.search.ask()))
         self.actor.best.copy_(torch.tensor(self.search.best))
 
+    @property
+    def needs_hub(self) -> bool:
+        """Whether the structure is of no use but on the robot's hub."""
+        return bool(getattr(self.actor.structure, "needs_hub", False))
+
+    def use_hub_of(self, env: EnvBase) -> str:
+        """Let the robot's hub make each trial by itself, if it can. Returns a line that says so, or
+        why not."""
+        # A simulation has neither a hub nor a link.
+        if not interface_of(env).robots:
+            return ""
+        reason = self._by_steps_because(env)
+        if reason:
+            return f"trials are made step by step from here, as {reason}"
+        interface_of(env).act_by_trials(self._hub_policy())
+        return "the hub makes each trial by itself, by numbers that are sent once"
+
+    def _by_steps_because(self, env: EnvBase) -> str:
+        """Why the computer has to act step by step, in a clause; "" if the hub can."""
+        ours = interface_of(env)
+        if not self.settings.on_hub:
+            return "on_hub is false"
+        if ours.connect_to is None or ours.task is None:
+            return ours.by_steps_because
+        if hub_structure(self.actor) is None:
+            return "the hub does not know this structure"
+        most = most_steps(ours.task.interface)
+        if self.settings.trial_steps > most:
+            return f"a hub makes {most} of these steps in a trial at most"
+        counts_on = any(channel.accumulates for channel in ours.task.interface.channels)
+        # A hub counts from the start of a trial, and an environment from that of an episode.
+        if counts_on and self.settings.trial_steps < ours.task.max_steps:
+            return "it observes what counts from the start of an episode"
+        return ""
+
+    def _hub_policy(self) -> HubPolicy:
+        """The actor's policy, as a hub acts by it."""
+        single = hub_structure(self.actor)
+        assert single is not None  # noqa: S101
+        # The policy acts by a copy, with the same tensors.
+        actor = next(one for one in self.acting.modules() if isinstance(one, StructuredActor))
+
+        def next_trial() -> tuple[list[float], int | None]:
+            numbers: list[float] = []
+            for number, entry in zip(actor.acted_by.tolist(), single.numbers, strict=True):
+                # In 32 bits, an end of a range may be a little beyond it.
+                numbers.append(min(max(number, entry.low), entry.high))
+            return numbers, self.settings.trial_steps if actor.is_trial else None
+
+        return HubPolicy(
+            single.numbers,
+            single.hub_source(),
+            self.settings.tilt_deg,
+            next_trial,
+        )
+
     def remember(
         self,
         frames: TensorDictBase,
@@ -116,9 +186,17 @@ class PolicySearch(Learner):
                 has_failed = not bool(self.succeeds(observation[..., None, :]).all())
             is_whole = len(self.rewards) == self.settings.trial_steps
             if has_failed or ended or is_whole:
-                score = trial_score(self.rewards, self.settings.settle_steps)
-                self.search.tell(score, has_failed=has_failed)
+                self._tell(has_failed=has_failed)
                 self.end_episodes()
+
+    def _tell(self, *, has_failed: bool) -> None:
+        """Tell the search the score of the trial."""
+        settings = self.settings
+        if settings.falls_late:
+            self.search.tell(sum(self.rewards) / settings.trial_steps)
+            return
+        score = trial_score(self.rewards, settings.settle_steps)
+        self.search.tell(score, has_failed=has_failed)
 
     def end_episodes(self, robot: int | None = None) -> None:
         """Drop the present trial, if any: what follows does not follow from it."""

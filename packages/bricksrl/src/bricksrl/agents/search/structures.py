@@ -15,8 +15,9 @@ from torchrl.envs import EnvBase
 from torchrl.envs.utils import ExplorationType, exploration_type
 
 from brickhub.entry import Entry
-from brickhub.search import approach, oscillators
+from brickhub.search import approach, oscillators, upright
 from brickhub.search.oscillators import TURN_DEG
+from brickhub.search.structure import HubStructure
 from brickhub.user_files import is_reference, load_object
 from bricksrl.agents.features.encoder import encoder_keys, make_encoder
 from bricksrl.agents.networks import action_size
@@ -109,6 +110,37 @@ class Approach(nn.Module):
         return gain * way_mm / self.single.top_mm_s
 
 
+class Upright(nn.Module):
+    """Keeping upright on two wheels: `brickhub.search.upright` for batches.
+
+    Args:
+        single: the same for one robot.
+
+    Attributes:
+        needs_hub: that a robot falls sooner than an exchange with its hub takes.
+    """
+
+    needs_hub = True
+
+    def __init__(self, single: upright.Upright) -> None:
+        super().__init__()
+        self.single = single
+        self.numbers = single.numbers
+
+    def forward(
+        self,
+        observation: Tensor,
+        numbers: Tensor,
+    ) -> Tensor:
+        pitch_deg, rate_deg_s, angle_deg, speed_deg_s = observation[..., :4].split(1, -1)
+        lean_deg, gain, ahead_s, by_angle, by_speed = numbers.split(1, -1)
+        off_deg = pitch_deg - lean_deg + ahead_s * rate_deg_s
+        off_deg = off_deg + by_angle * angle_deg + by_speed * speed_deg_s
+        share: Tensor = gain * off_deg / 100
+        # Both wheels turn alike.
+        return share.expand(*share.shape[:-1], 2)
+
+
 def _constant(values: Sequence[float]) -> nn.Buffer:
     """A tensor that moves with its module and is not in its state."""
     return nn.Buffer(torch.tensor(values), persistent=False)
@@ -142,6 +174,16 @@ def make_approach(env: EnvBase) -> Approach:
     if task is None or not is_plain or len(task.entries) != 1:
         raise DescriptionError("an approach observes one distance, and nothing else")
     return Approach(approach.approach(task.interface))
+
+
+def make_upright(env: EnvBase) -> Upright:
+    """Keeping upright for an environment with the voltages of two wheels. Raises DescriptionError
+    for any other."""
+    task = interface_of(env).task
+    is_plain = layout_of(env).keys == ["observation"] and keeps_actions(env)
+    if task is None or not is_plain:
+        raise DescriptionError("keeping upright is learned on a robot itself, without transforms")
+    return Upright(upright.upright(task.interface))
 
 
 class Linear(nn.Module):
@@ -187,6 +229,7 @@ def linear(env: EnvBase) -> Linear:
 STRUCTURES: dict[str, Callable[[EnvBase], Structure]] = {
     "oscillators": make_oscillators,
     "approach": make_approach,
+    "upright": make_upright,
     "linear": linear,
 }
 """Structures by name."""
@@ -199,8 +242,8 @@ def make_structure(env: EnvBase, name: str) -> Structure:
         return STRUCTURES[name](env)
     if name and not is_reference(name):
         raise UnknownNameError(
-            f"there is no structure '{name}'{hint(name, STRUCTURES)}; choose oscillators, "
-            "approach, linear or a file"
+            f"there is no structure '{name}'{hint(name, STRUCTURES)}; choose "
+            f"{', '.join(STRUCTURES)} or a file"
         )
     if name:
         made: Structure = load_object(name, "make_structure")(env)
@@ -214,7 +257,12 @@ def make_structure(env: EnvBase, name: str) -> Structure:
 
 class StructuredActor(nn.Module):
     """A structure that acts by the numbers under trial when it explores, else by the best ones
-    known."""
+    known.
+
+    Attributes:
+        trial, best: these numbers ``[p]``.
+        is_trial, acted_by: whether it explored when it acted last, and the numbers ``[p]`` then.
+    """
 
     trial: Tensor
     best: Tensor
@@ -228,12 +276,22 @@ class StructuredActor(nn.Module):
         self.structure = structure
         self.register_buffer("trial", start.clone())
         self.register_buffer("best", start.clone())
+        self.is_trial = False
+        self.acted_by = start
 
     def forward(self, observation: Tensor) -> Tensor:
         """Action ``[*batch, m]``."""
-        is_trial = exploration_type() is ExplorationType.RANDOM
-        numbers = self.trial if is_trial else self.best
+        self.is_trial = exploration_type() is ExplorationType.RANDOM
+        numbers = self.trial if self.is_trial else self.best
+        self.acted_by = numbers
         # copies of a robot try the same numbers
         numbers_of_batch = numbers.expand(*observation.shape[:-1], -1)
         action = self.structure(observation, numbers_of_batch)
         return action.clamp(-1.0, 1.0)
+
+
+def hub_structure(actor: nn.Module) -> HubStructure | None:
+    """What a hub acts by as an actor does; ``None`` for one that no hub knows."""
+    structure = actor.structure if isinstance(actor, StructuredActor) else None
+    single = getattr(structure, "single", None)
+    return single if hasattr(single, "hub_source") else None

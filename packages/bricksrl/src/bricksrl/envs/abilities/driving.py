@@ -24,7 +24,9 @@ from bricksrl.envs.tasks.run_away import RUN_AWAY, metrics_without_tilt
 from bricksrl.envs.tasks.spinning import SPINNING
 from bricksrl.errors import DescriptionError, counted
 from bricktwin.plans.mechanism.motor_role import Role
+from bricktwin.plans.planned_robot import planned_robot
 from bricktwin.robots.as_drawn import DrawnRobot
+from bricktwin.twin.models.balance import lean_on_one_axle_deg
 from bricktwin.twin.mujoco_body import MujocoBody
 from bricktwin.twin.physics import Physics
 from bricktwin.twin.scene import OPEN_FLOOR, Scene
@@ -54,6 +56,7 @@ def drive_away(drawn: DrawnRobot) -> Task:
     wheels = drawn.motors_with(Role.WHEEL)
     if not wheels:
         raise DescriptionError("no motor turns a wheel")
+    _check_stands(drawn)
     if drawn.robot.drive_base is not None:
         names = {**_base_names(drawn.robot.drive_base), "eyes": eyes}
         interface = interface_on(RUN_AWAY.interface, drawn.robot, names)
@@ -136,7 +139,7 @@ def park(drawn: DrawnRobot) -> Task:
     return replace(
         PARK,
         doc=f"{drawn.robot.name} drives into a bay and stands still there.",
-        id="Bay-v0",
+        id="Parking-v0",
         robot=drawn.robot,
         interface=interface_on(PARK.interface, drawn.robot, _base_names(base)),
     )
@@ -184,9 +187,10 @@ def _nearness(
 
 
 def _base(drawn: DrawnRobot) -> DriveBase:
-    """The robot's drive base. Raises DescriptionError if it has none."""
+    """The robot's drive base. Raises DescriptionError if it has none, or stands on it alone."""
     base = drawn.robot.drive_base
     if base is not None:
+        _check_stands(drawn)
         return base
     count = len(drawn.motors_with(Role.WHEEL))
     if not count:
@@ -196,6 +200,12 @@ def _base(drawn: DrawnRobot) -> DriveBase:
     raise DescriptionError(
         f"it has {counted(count, 'driven wheel')}, but needs one on the left and one on the right"
     )
+
+
+def _check_stands(drawn: DrawnRobot) -> None:
+    """Raise DescriptionError for a robot that stands on one axle alone."""
+    if lean_on_one_axle_deg(planned_robot(drawn.path)) is not None:
+        raise DescriptionError("it stands on one axle alone; add a caster")
 
 
 def _eyes(drawn: DrawnRobot) -> str:

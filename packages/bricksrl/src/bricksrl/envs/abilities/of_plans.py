@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from brickhub.files import quoted
 from brickhub.user_files import without_name
 from bricksrl.envs.abilities.ability import Ability
+from bricksrl.envs.abilities.balancing import keep_upright
 from bricksrl.envs.abilities.driving import (
     drive_away,
     follow_line,
@@ -28,6 +29,13 @@ ABILITIES = {
             walk,
             agent="gait",
             episodes=3,
+        ),
+        Ability(
+            "upright",
+            "keep upright on two wheels",
+            keep_upright,
+            agent="gait",
+            episodes=30,
         ),
         Ability(
             "stop",

@@ -27,11 +27,31 @@ def roles_of(plan: Plan, articulation: Articulation) -> dict[str, Role]:
         return roles
     underside_m = _underside_m(plan, articulation)
     stopped = {placed.port for placed in plan.parts if placed.stops_deg is not None}
+    legs: list[Drive] = []
     for drive in articulation.drives:
         # What has end stops turns back before it has made a step.
         if drive.port not in stopped and _is_leg(plan, articulation, drive, underside_m):
-            roles[drive.port] = Role.LEG
+            legs.append(drive)
+    if _is_boom(plan, articulation, legs, underside_m):
+        return roles
+    for drive in legs:
+        roles[drive.port] = Role.LEG
     return roles
+
+
+def _is_boom(
+    plan: Plan,
+    articulation: Articulation,
+    legs: list[Drive],
+    underside_m: float,
+) -> bool:
+    """Whether what could be a leg is the boom of a crane that stands on its hub: the only one, and
+    drawn above the floor."""
+    if len(legs) != 1:
+        return False
+    bodies = moved_by(articulation, legs[0])
+    lowest_m = min(_lowest_m(plan, articulation, body) for body in bodies)
+    return lowest_m > underside_m + _ROUNDING_M
 
 
 def _role_beside_wheels(articulation: Articulation, drive: Drive) -> Role:

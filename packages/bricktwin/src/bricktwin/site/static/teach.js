@@ -4,10 +4,11 @@ import { Chart } from "./chart.js";
 import { make } from "./bench.js";
 
 const TRIALS = 35; // of two and a half seconds each when it walks: a minute and a half of the robot's time
-const TITLES = { walk: "Teach it to walk", stop: "Teach it to stop at the wall" };
+const TITLES = { walk: "Teach it to walk", stop: "Teach it to stop at the wall", upright: "Teach it to keep upright" };
 const AIMS = {
   walk: "Each try takes two and a half seconds. What counts is how fast the robot gets ahead.",
   stop: "Each try takes four seconds. The robot should soon be 150 mm before the wall, and stay there: each moment there has 100 points, and fewer elsewhere.",
+  upright: "Each try takes five seconds, or until the robot falls. Each moment upright has points, and more of them near where it began.",
 };
 
 const ON_HUB = {
@@ -61,6 +62,7 @@ export class Teach {
       this.showSliders();
     }));
     this.forget();
+    this.meet(Boolean(this.isThere));
   }
 
   get isReal() {
@@ -70,6 +72,9 @@ export class Teach {
   // A real hub has been connected, or is not there any more; while it learns, the page connects again.
   meet(isThere) {
     if (this.isLearning) return;
+    this.isThere = isThere;
+    // Not all that is taught here is taught to a real robot.
+    isThere &&= !this.lesson || this.lesson.goal in ON_HUB;
     const where = this.find("where");
     if (where.hidden === !isThere) return;
     where.hidden = !isThere;

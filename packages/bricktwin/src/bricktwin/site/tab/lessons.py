@@ -15,15 +15,20 @@ from brickhub.hub.interface import (
     Interface,
     MotorAngle,
     Pitch,
+    PitchRate,
     Roll,
     RunAngle,
+    RunDuty,
     Wait,
+    WheelsAngle,
+    WheelsSpeed,
 )
 from brickhub.robot import Robot, UltrasonicSensor
 from brickhub.search.approach import approach
 from brickhub.search.bayesian_search import trial_score
 from brickhub.search.oscillators import NO_LEGS, oscillators
 from brickhub.search.structure import HubStructure
+from brickhub.search.upright import upright
 from bricktwin.twin.standing import Pose
 
 _STRIDE_STEPS = 10
@@ -44,6 +49,10 @@ GAP_MM = 150.0
 _THIRD_MM = 200.0
 """So far off the points are a third of all."""
 _TOO_NEAR = 3.0
+_UPRIGHT_STEPS = 250
+_UPRIGHT_STEP_MS = 20
+_FAR_DEG = 360.0
+"""A turn of the wheels away, the points for being near are a third of all."""
 
 
 @dataclass
@@ -74,6 +83,8 @@ class Lesson:
         settle_steps: first ones, which do not count.
         score: how good a trial was; NaN if nobody knows.
         unit: of the score.
+        falls_late: whether a trial that ends by a fall is as good as its score says, as where late
+            is better than soon; else it is no better than the worst one.
     """
 
     goal: str
@@ -84,6 +95,7 @@ class Lesson:
     score: Callable[[Record], float]
     unit: str
     settle_steps: int = 0
+    falls_late: bool = False
 
     @property
     def step_ms(self) -> int:
@@ -175,14 +187,70 @@ def nearness(record: Record) -> float:
     return math.fsum(points) / len(points) if points else math.nan
 
 
-LESSONS: dict[str, Callable[[Robot], Lesson]] = {"walk": walk, "stop": stop_before_wall}
+def keep_upright(robot: Robot) -> Lesson:
+    """Keep upright on two wheels, and stay there. Raises DescriptionError without a drive base, or
+    if the hub does not measure how it leans."""
+    if not robot.needs_imu:
+        raise DescriptionError(f"robot '{robot.name}' does not measure how it leans")
+    base = drive_base(robot, "keep upright")
+    interface = Interface(
+        (RunDuty(base.left), RunDuty(base.right)),
+        (
+            Pitch(),
+            PitchRate(),
+            WheelsAngle(base.left, base.right),
+            WheelsSpeed(base.left, base.right),
+        ),
+        Wait(_UPRIGHT_STEP_MS),
+    )
+    return Lesson(
+        goal="upright",
+        interface=interface,
+        structure=upright(interface),
+        labels=(
+            "it leans by",
+            "voltage for each degree",
+            "it looks ahead by",
+            "lean for each degree of way",
+            "lean for its speed",
+        ),
+        steps=_UPRIGHT_STEPS,
+        score=uprightness,
+        unit="points",
+        falls_late=True,
+    )
+
+
+def uprightness(record: Record) -> float:
+    """Points of 100: for each step upright half of them, and the other half for being near; those
+    after a fall have none."""
+    points = []
+    for _, _, angle_deg, _ in record.observed[1:]:
+        near = math.exp(-abs(angle_deg) / _FAR_DEG)
+        points.append(100.0 * (1.0 + near) / 2.0)
+    return math.fsum(points) / _UPRIGHT_STEPS if points else math.nan
+
+
+LESSONS: dict[str, Callable[[Robot], Lesson]] = {
+    "walk": walk,
+    "stop": stop_before_wall,
+    "upright": keep_upright,
+}
 """Functions that make the lesson of a goal for a robot."""
 
 
-def lesson_for(robot: Robot, world: str) -> Lesson | None:
-    """The lesson that suits a robot in a world of that name, if there is one."""
+def lesson_for(
+    robot: Robot,
+    world: str,
+    *,
+    is_held: bool = False,
+) -> Lesson | None:
+    """The lesson that suits a robot in a world of that name, if there is one. ``is_held``: whether
+    a hand has to hold it there, as it stands on one axle."""
     # What drives on wheels does not walk, though its motors turn endlessly too.
     goal = "walk" if robot.drive_base is None else _DRIVING.get(world)
+    if is_held:
+        goal = "upright"
     if goal is not None:
         with contextlib.suppress(DescriptionError):
             return LESSONS[goal](robot)

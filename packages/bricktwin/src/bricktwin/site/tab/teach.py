@@ -80,7 +80,8 @@ def one_trial(
         attend,
     )
     score = lesson.score(record)
-    search.tell(score, numbers=tried, has_failed=record.has_fallen)
+    has_failed = record.has_fallen and not lesson.falls_late
+    search.tell(score, numbers=tried, has_failed=has_failed)
     recorder.tell(
         "trial",
         numbers=tried,

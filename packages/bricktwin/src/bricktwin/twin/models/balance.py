@@ -5,6 +5,7 @@ A robot that is put down level rolls, over whatever of it touches the floor, as 
 of mass comes lower so. All is at rest: what legs do by their speed is left to the twin.
 """
 
+import functools
 import itertools
 import math
 from collections.abc import Iterator, Sequence
@@ -17,9 +18,11 @@ from brickhub.errors import PlanError
 from brickhub.finding import Finding, Outcome
 from bricktwin.plans.geometry import M_PER_LDU, Floats, Form, frame_of, triple
 from bricktwin.plans.mechanism.kinematics import TO_TWIN, point_m_of
+from bricktwin.plans.mechanism.motor_role import Role
+from bricktwin.plans.mechanism.roles import roles_of
 from bricktwin.plans.part import DeviceKind
 from bricktwin.plans.plan import Plan
-from bricktwin.plans.planned_robot import PlannedRobot, planned
+from bricktwin.plans.planned_robot import PlannedRobot, planned_as_drawn
 from bricktwin.twin.models.feet import Shape, Turns, feet_of, shapes_of, skids_of, turns_of
 
 TIPS_DEG = 12.0
@@ -62,6 +65,8 @@ class Balance:
         tilt_deg: how far the robot tips as it was drawn.
         largest_tilt_deg: how far at most in one turn of its legs, at the phases of the plan.
         on_wheels: whether it has wheels; else it stands on its feet.
+        lean_deg: for a robot that stands on the wheels of one axle alone: how far it leans, nose
+            down, when its centre of mass is above the axle; ``None`` for any other.
     """
 
     mass_g: float
@@ -71,6 +76,7 @@ class Balance:
     tilt_deg: float
     largest_tilt_deg: float
     on_wheels: bool
+    lean_deg: float | None = None
 
     @property
     def fault(self) -> str | None:
@@ -79,10 +85,15 @@ class Balance:
         stands_on = "wheels" if self.on_wheels else "feet"
         place = f"{-self.inside_mm:.0f} mm {beyond} {stands_on}"
         where = f"its centre of mass, {self.height_mm:.0f} mm high, is {place}"
+        upright = ""
+        if self.lean_deg is not None:
+            upright = ", or let it learn to keep upright"
         if self.tilt_deg > TIPS_DEG:
             support = "add a caster" if self.on_wheels else "make its feet longer there"
             tips = f"tips over {self.side} by {self.tilt_deg:.0f} degrees"
-            return f"it {tips}: {where}; move the hub {remedy}, or {support}"
+            return f"it {tips}: {where}; move the hub {remedy}, or {support}{upright}"
+        if self.lean_deg is not None:
+            return f"it stands on one axle alone, and falls; add a caster{upright}"
         if self.largest_tilt_deg > FALLS_DEG:
             tips = f"falls {self.side} while its legs turn ({self.mass_g:.0f} g)"
             return f"it {tips}: {where}; make its feet wider there, or its legs shorter"
@@ -91,7 +102,11 @@ class Balance:
     @property
     def findings(self) -> list[Finding]:
         """That as a finding of a check; empty if it stands."""
-        return [] if self.fault is None else [Finding("balance", Outcome.ERROR, self.fault)]
+        if self.fault is None:
+            return []
+        # Who falls by itself may be kept upright by its motors.
+        outcome = Outcome.ERROR if self.lean_deg is None else Outcome.WARNING
+        return [Finding("balance", outcome, self.fault)]
 
     def __str__(self) -> str:
         inside = f"{self.inside_mm:.0f} mm inside of" if self.inside_mm >= 0 else "beyond"
@@ -105,6 +120,10 @@ def balance_of(planned: PlannedRobot) -> Balance | None:
     articulation = planned.articulation
     feet = feet_of(planned)
     if articulation.is_fixed or not (feet or articulation.wheels):
+        return None
+    # A crane may reach the floor with its boom, but does not go anywhere.
+    has_legs = Role.LEG in roles_of(planned.plan, articulation).values()
+    if not (has_legs or articulation.wheels):
         return None
     chassis = _outer(list(shapes_of(planned, 0)))
     shapes = [*feet, *chassis, *_wheels(planned)]
@@ -125,7 +144,56 @@ def balance_of(planned: PlannedRobot) -> Balance | None:
         tilt_deg=drawn.tilt_deg,
         largest_tilt_deg=worst.tilt_deg,
         on_wheels=bool(articulation.wheels),
+        lean_deg=lean_on_one_axle_deg(planned),
     )
+
+
+@functools.lru_cache(maxsize=16)
+def lean_on_one_axle_deg(planned: PlannedRobot) -> float | None:
+    """How far a robot leans, nose down, in balance on the wheels of one axle; ``None`` if it stands
+    on more, or on the table."""
+    articulation = planned.articulation
+    wheels = articulation.wheels
+    if articulation.is_fixed or len(wheels) < 2:
+        return None
+    shapes = [*feet_of(planned), *_outer(list(shapes_of(planned, 0))), *_wheels(planned)]
+    axle_x_m, _, axle_z_m = wheels[0].centre_m
+    are_on_axle = all(abs(wheel.centre_m[0] - axle_x_m) < _TOUCHING_M for wheel in wheels)
+    contacts_m = np.concatenate([_contacts_m(shape) for shape in shapes])  # [n, 3]
+    lowest_m = contacts_m[:, 2].min()
+    touching_m = contacts_m[contacts_m[:, 2] < lowest_m + _TOUCHING_M]
+    # What else is as low as the wheels bears the robot too.
+    stands_on_more = bool((abs(touching_m[:, 0] - axle_x_m) > _TOUCHING_M).any())
+    if not are_on_axle or stands_on_more:
+        return None
+    centre_m = _centre_m(planned, turns_of(planned), pose=0)
+    above_m = float(centre_m[2] - axle_z_m)
+    # A centre below the axle is at rest there: it needs nobody to keep it upright.
+    if above_m <= 0:
+        return None
+    # Nose up brings what is ahead back above the axle.
+    return -math.degrees(math.atan2(float(centre_m[0] - axle_x_m), above_m))
+
+
+IN_THE_AIR = (
+    "its driven wheels do not touch the floor, as something else is lower; take larger wheels, or "
+    "put what is lower higher"
+)
+"""What is said of wheels that turn in the air."""
+
+
+def turns_wheels_in_the_air(planned: PlannedRobot) -> bool:
+    """Whether a robot has driven wheels, and none of them touches the floor where it comes to
+    rest."""
+    driven = {wheel.part for _, wheel in planned.rolling}
+    if planned.articulation.is_fixed or not driven:
+        return False
+    wheels = list(_wheels(planned))
+    shapes = [*feet_of(planned), *_outer(list(shapes_of(planned, 0))), *wheels]
+    down = _rest(shapes, _centre_m(planned, turns_of(planned), pose=0))[None]
+    lowest_m = max(float(shape.reach_m(down)[0]) for shape in shapes)
+    heights_m = [lowest_m - float(one.reach_m(down)[0]) for one in wheels if one.part in driven]
+    return min(heights_m, default=0.0) > _TOUCHING_M
 
 
 class _Stance(NamedTuple):
@@ -171,13 +239,31 @@ def standing_shapes(planned: PlannedRobot) -> tuple[Shape, ...]:
 def plan_balance(plan: Plan) -> Balance | None:
     """Balance of the robot of a plan; ``None`` where `balance_of` has none, for a plan that is no
     complete robot, and for one with unknown parts: one of them may be its caster."""
+    robot = _known_robot(plan)
+    return None if robot is None else balance_of(robot)
+
+
+def plan_stance(plan: Plan) -> list[Finding]:
+    """What is wrong with how the robot of a plan stands: its balance, and driven wheels in the
+    air; nothing where that is not known, as of `plan_balance`."""
+    robot = _known_robot(plan)
+    if robot is None:
+        return []
+    balance = balance_of(robot)
+    findings = [] if balance is None else balance.findings
+    if turns_wheels_in_the_air(robot):
+        findings.append(Finding("wheels", Outcome.ERROR, IN_THE_AIR))
+    return findings
+
+
+def _known_robot(plan: Plan) -> PlannedRobot | None:
+    """The robot of a plan, if all of it is known."""
     if plan.unknown or not plan.devices(DeviceKind.HUB):
         return None
     try:
-        robot = planned(plan)
+        return planned_as_drawn(plan)
     except PlanError:
         return None
-    return balance_of(robot)
 
 
 def _wheels(planned: PlannedRobot) -> Iterator[Shape]:

@@ -2,9 +2,9 @@
 it to what it needs.
 
 The names in capitals, ``observe``, ``act`` and ``start_moves`` are defined before; ``stop_motors``
-in ``moves.py``. The center button ends the program, as it does by default, and then the motors
-stop. Each step prints a line: how long the program has computed (ms), the observation, and the
-commands times their scales.
+in ``moves.py``, ``relative`` in ``relative.py``. The center button ends the program, as it does by
+default, and then the motors stop. Each step prints a line: how long the program has computed (ms),
+the observation, and the commands times their scales.
 """
 # mypy: ignore-errors
 # ruff: noqa: F821, B905
@@ -13,6 +13,7 @@ commands times their scales.
 from pybricks.tools import StopWatch, wait
 
 CLOCK = StopWatch()
+COMMANDED = [0] * len(SPANS)  # the last commands, times their scales
 
 
 def settle(started_ms):
@@ -29,14 +30,19 @@ def settle(started_ms):
 
 def live():
     """Observe, act and wait, step by step."""
+    first = None
     try:
         while True:
             observed = observe()
+            if first is None:
+                first = observed
+            observed = relative(observed, first)
             seen_ms = CLOCK.time()
             commands = [
                 round(middle + half * action)
                 for (middle, half), action in zip(SPANS, act(observed))
             ]
+            COMMANDED[:] = commands
             computed_ms = CLOCK.time() - seen_ms
             wait(max(0, AGE_MS - computed_ms))
             started_ms = CLOCK.time()

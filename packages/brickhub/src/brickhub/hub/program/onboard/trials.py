@@ -1,8 +1,9 @@
 """MicroPython: the loop of a program that tries a structured policy, one trial at a time.
 
 Names in capitals that are not defined here, ``start_moves``, ``observe``, ``packed`` and ``act_by``
-are in the robot-specific part; ``send`` and ``Reader`` in ``frames.py``; ``stop_motors`` and
-``LOOK_MS`` in ``moves.py``; ``listen`` in ``stdio.py`` or ``app_data.py``.
+are in the robot-specific part; ``relative`` in ``relative.py``; ``send`` and ``Reader`` in
+``frames.py``; ``stop_motors`` and ``LOOK_MS`` in ``moves.py``; ``listen`` in ``stdio.py`` or
+``app_data.py``.
 
 A trial is asked for by data frames with its number as ``seq``, which carry its steps and a piece of
 its numbers each. It begins when all pieces are there, acts by itself, and sends what it observed
@@ -39,6 +40,7 @@ class Trials:
         self.started_ms = 0
         self.steps = 0  # that are left
         self.count = 0  # observations of the last trial
+        self.first = ()  # the first of them
 
     def turn(self):
         """One turn of the loop. False ends the program."""
@@ -104,7 +106,9 @@ class Trials:
             self.end()
             return
         self.steps -= 1
-        actions = act_by(observed, self.numbers)
+        if self.count == 1:
+            self.first = observed
+        actions = act_by(relative(observed, self.first), self.numbers)
         self.started_ms = self.clock.time()
         self.moving = True
         start_moves(
