@@ -4,8 +4,9 @@ JavaScript build, else Python's, of any version. A script, for :mod:`benchmarks.
     python tab_motion.py ASKED
 
 ASKED is a file of JSON: ``files`` (paths of robots' files, by name), ``starts`` (seeds),
-``duration_s``, ``program``, a hub program that is run in place of swinging voltages, and ``bench``,
-how often it runs on the bench. It prints a line of JSON for each robot and start.
+``duration_s``, ``program``, a hub program that is run in place of swinging voltages, ``bench``, how
+often it runs on the bench, and ``trials``, of a search for a gait that the robots make instead, by
+the seeds. It prints a line of JSON for each robot and start.
 """
 
 import io
@@ -94,12 +95,17 @@ def move(body: TwinBody, duration_s: float) -> dict[str, Any]:
     return {"positions": positions, "means": means}
 
 
-def run(body: TwinBody | None, program: str, duration_s: float) -> dict[str, Any]:
-    """Run a hub program on a body."""
+def compile_here() -> None:
+    """Let the tab's own compiler do it, in a tab. It has to be there before what imports it."""
     if "compile_in_tab" in globals():
         from bricktwin.site.tab.mpy_cross import put_in_place
 
         put_in_place(globals()["compile_in_tab"])
+
+
+def run(body: TwinBody | None, program: str, duration_s: float) -> dict[str, Any]:
+    """Run a hub program on a body."""
+    compile_here()
     from brickhub.virtual.run import run_file
 
     output = io.BytesIO()
@@ -112,6 +118,50 @@ def run(body: TwinBody | None, program: str, duration_s: float) -> dict[str, Any
         time_limit_s=duration_s,
     )
     return {"printed": output.getvalue().decode(), "errors": errors.getvalue()}
+
+
+class Trials:
+    """A page that keeps what it is told of trials."""
+
+    def __init__(self) -> None:
+        self.made: list[dict[str, Any]] = []
+
+    def frame(self) -> None:
+        """Draw nothing."""
+
+    def post(self, events: str, rows: bytes) -> None:
+        told = json.loads(events or "[]")
+        self.made += [event for event in told if event["kind"] == "trial"]
+
+    def take(self) -> str:
+        return ""
+
+    def may_go_on(self, time_ms: int) -> bool:
+        return True
+
+
+def teach(
+    body: TwinBody,
+    seed: int,
+    trials: int,
+    numbers: list[float] | None = None,
+) -> dict[str, Any]:
+    """Let a robot search for a gait, or try its numbers; scores of the trials, null for a fall."""
+    compile_here()
+    from bricktwin.site.tab.teach import teach_in_tab
+
+    page = Trials()
+    request = {
+        "goal": "walk",
+        "seed": seed,
+        "state": None,
+        "trials": trials,
+        "numbers": numbers,
+    }
+    teach_in_tab(json.dumps(request), page, body)
+    scores = [None if one["fell"] else one["score"] for one in page.made]
+    seconds = sum(one["seconds"] for one in page.made)
+    return {"scores": scores, "robot_s": seconds}
 
 
 def main(path: str) -> None:
@@ -131,7 +181,9 @@ def main(path: str) -> None:
             body = body_of(json.loads(text), engine, seed=start)
             first = body.pose()
             started_s = cpu_s()
-            if asked.get("program"):
+            if asked.get("trials"):
+                moved = teach(body, start, asked["trials"], asked.get("numbers"))
+            elif asked.get("program"):
                 moved = run(body, asked["program"], duration_s)
             else:
                 moved = move(body, duration_s)

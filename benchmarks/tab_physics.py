@@ -104,14 +104,14 @@ T_95 = 2.02
 
 
 class Engines:
-    """The three engines, which run :mod:`benchmarks.tab_motion`.
+    """The engines, which run :mod:`benchmarks.tab_motion`: that of a tab, and ours.
 
     Args:
         folder: for the files of what is asked.
-        same: Python with MuJoCo of the JavaScript build's version.
+        same: Python with MuJoCo of the JavaScript build's version, for a third one.
     """
 
-    def __init__(self, folder: Path, same: str) -> None:
+    def __init__(self, folder: Path, same: str = "") -> None:
         self._folder = folder
         self._houses = [
             str(Path(str(house.__file__)).parents[1]) for house in (brickhub, bricktwin)

@@ -366,15 +366,17 @@ async function begin() {
     if (shared.robot) chooseRobot(shared.robot, shared.world ?? "");
   } else if (isNew || linked) programs.add(first.name, first.source);
   showProgram();
-  if (shared) note("This program came with the link. Look at it, then press Run.");
-  if (!hub.hasWayIn) note("This browser, or the address (it needs https), gives no way into a running program: sliders and buttons act from the next run on.");
+  if (!hub.hasWayIn) note.standing = "This browser, or the address (it needs https), gives no way into a running program: sliders and buttons act from the next run on.";
+  note(shared ? "This program came with the link. Look at it, then press Run." : "");
   // Who comes for the first time, or to an example, sees what happens here; what somebody else has sent is not run unasked.
   if ((isNew && !shared) || linked) run();
   // Tests look whether the page is there.
   document.body.dataset.page = "there";
 }
 
+// What is always so is said whenever there is nothing else to say.
 function note(text) {
+  text ||= note.standing ?? "";
   byId("note").textContent = text;
   byId("note").hidden = !text;
 }

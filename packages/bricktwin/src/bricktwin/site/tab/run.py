@@ -3,6 +3,7 @@
 import io
 import json
 import shutil
+import signal
 from collections.abc import Mapping
 from contextlib import closing, redirect_stdout, suppress
 from pathlib import Path
@@ -25,6 +26,14 @@ FOLDER = Path("/programs")
 REFUSED_EXIT_CODE = 2
 """Exit code of a run that cannot begin, as of the command."""
 STOPPED_EXIT_CODE = 130
+
+
+def heed_stops_in_runs_only() -> None:
+    """Let the page's interrupt end nothing but a program that runs.
+
+    One that comes late, as the program has ended by itself meanwhile, would end the tab's Python.
+    """
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 class ProgramOutput:

@@ -59,7 +59,9 @@ async function start({ memory, hubMemory, interrupt, needsPhysics }) {
   python.unpackArchive(houses, "zip", { extractDir: HOUSES });
   python.runPython(`import sys; sys.path.insert(0, "${HOUSES}")`);
   python.pyimport("bricktwin.site.tab.mpy_cross").put_in_place((name, source, options) => python.toPy(compile(MpyCross, compiler, name, source, options.toJs())));
-  runInTab = python.pyimport("bricktwin.site.tab.run").run_in_tab;
+  const run = python.pyimport("bricktwin.site.tab.run");
+  run.heed_stops_in_runs_only();
+  runInTab = run.run_in_tab;
   bodyInTab = python.pyimport("bricktwin.site.tab.robot_file").body_in_tab;
   readJson = python.pyimport("json").loads;
   say("ready");
