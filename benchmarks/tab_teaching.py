@@ -52,7 +52,8 @@ BEGUN = {"files": {"main.py": ""}, "current": "main.py", "robot": "walker", "wor
 
 def best_of(search: dict[str, Any]) -> float:
     """Best score of a search, mm/s."""
-    return max(score for score in search["scores"] if score is not None)
+    scores: list[float] = [score for score in search["scores"] if score is not None]
+    return max(scores)
 
 
 def searches(

@@ -450,7 +450,7 @@ def interruptible() -> Iterator[None]:
         raise KeyboardInterrupt from None
 
 
-def _handle(handlers: Mapping[int, Any]) -> None:
+def _handle(handlers: Mapping[signal.Signals, Any]) -> None:
     """Let signals be handled by these."""
     for number, handler in handlers.items():
         signal.signal(number, handler)
