@@ -7,7 +7,7 @@ import json
 
 import pytest
 
-from bricktwin.robots import ROBO_ARM, TWO_WHEELER, WALKER
+from bricktwin.robots import CART, ROBO_ARM, SCOUT, TWO_WHEELER, WALKER
 from bricktwin.site.tab import lessons, trial
 from bricktwin.site.tab.lessons import Record, ahead_mm, lesson_for, walking_speed
 from bricktwin.site.tab.run import STOPPED_EXIT_CODE
@@ -67,6 +67,15 @@ def test_a_trial_walks_and_is_the_same_each_time() -> None:
     assert len(again.trials[0]["state"]["scores"]) == 2
 
 
+def test_a_trial_does_not_begin_with_the_turn_of_the_last_one() -> None:
+    body = make_body(SCOUT, scene=world("line-simple"))
+    page = TaughtPage()
+    for numbers in ((100.0, 1.0), (75.0, 4.5), (100.0, 1.0)):
+        teach(page, 1, body, goal="follow", numbers=numbers)
+    first, turns, again = (float(str(one["score"])) for one in page.trials)
+    assert turns < 20 < first == again
+
+
 def test_a_fall_ends_a_trial_and_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     # A Walker hardly ever falls: any tilt is one here.
     monkeypatch.setattr(trial, "TILT_DEG", 0.0)
@@ -105,6 +114,11 @@ def test_who_can_learn_what() -> None:
     assert lesson_for(TWO_WHEELER, "open floor") is None
     stop = lesson_for(TWO_WHEELER, "wall")
     assert stop is not None and stop.goal == "stop"
+    follow = lesson_for(SCOUT, "line-sharp")
+    assert follow is not None and follow.goal == "follow"
+    # It has no color sensor; and the devices of kits run no program of a hub.
+    assert lesson_for(TWO_WHEELER, "line-sharp") is None
+    assert lesson_for(CART, "line-sharp") is None
 
 
 def test_speed_counts_the_way_ahead_once_it_has_settled() -> None:
