@@ -44,8 +44,8 @@ _READABLE = (
 )
 
 
-_ON_ITS_WAY_S = 0.15
-"""Time in which an operation that a page has begun is known here."""
+_ON_ITS_WAY_S = 0.4
+"""Time in which an operation that a page has begun is known here, also on a busy computer."""
 
 
 class EmulatedHub(GattHub):
@@ -107,10 +107,11 @@ class EmulatedHub(GattHub):
         if self._is_read:
             self._is_read = False
             self._unanswered.append((self._command, "read"))
-        for characteristic, kind in self._unanswered:
-            await self._answer(characteristic, kind, int(profile.CommandError.UNLIKELY_ERROR))
+        failed = int(profile.CommandError.UNLIKELY_ERROR)
+        ends = [self._answer(*operation, failed) for operation in self._unanswered]
         self._unanswered.clear()
-        await self._do("simulateGATTDisconnection", address=ADDRESS)
+        # All at once: a page that has its answer begins what else it has to do.
+        await asyncio.gather(*ends, self._do("simulateGATTDisconnection", address=ADDRESS))
         # With the connection Chromium forgets them.
         await self._add_services()
         self._is_losing = False
