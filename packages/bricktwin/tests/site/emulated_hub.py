@@ -13,7 +13,7 @@ import base64
 from collections import deque
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 from browser import FLAGS, TIMEOUT_MS, chromium_path
 from gatt_hub import GattHub
@@ -196,8 +196,16 @@ class EmulatedHub(GattHub):
         return begin
 
 
+class Peripheral(Protocol):
+    """What a browser finds."""
+
+    async def plug_into(self, browser: Browser) -> None: ...
+
+    def switch_off(self) -> None: ...
+
+
 @asynccontextmanager
-async def page_with(hub: EmulatedHub, address: str) -> AsyncIterator[Page]:
+async def page_with(hub: Peripheral, address: str) -> AsyncIterator[Page]:
     """A page of a site, with Python at work, in a browser that has a hub within reach."""
     from playwright.async_api import async_playwright
 
@@ -210,7 +218,6 @@ async def page_with(hub: EmulatedHub, address: str) -> AsyncIterator[Page]:
             await hub.plug_into(browser)
             page = await _page(browser)
             errors: list[str] = []
-            page.on("pageerror", lambda error: errors.append(str(error)))
             page.on("pageerror", lambda error: errors.append(str(error)))
             await page.goto(address)
             await page.wait_for_selector("#state.ready")

@@ -40,13 +40,13 @@ class ProgramOutput:
     """A stream of the program, of which the page is told as it comes."""
 
     def __init__(self, recorder: Recorder, kind: str) -> None:
-        self._recorder = recorder
+        self.recorder = recorder
         self._kind = kind
 
     def write(self, data: bytes | str, /) -> int:
         # Bytes of any kind, one character each: what is no text stays what it is.
         text = data if isinstance(data, str) else data.decode("latin-1")
-        self._recorder.tell(self._kind, text=text)
+        self.recorder.tell(self._kind, text=text)
         return len(data)
 
     def flush(self) -> None:
@@ -117,7 +117,7 @@ def run_in_tab(
             time_limit_s = request.get("time_limit_s")
             operation = Operation(attend=attend)
             if is_for_kits(request["files"].get(request["name"], "")):
-                with redirect_stdout(_Text(output)):
+                with redirect_stdout(TextOutput(output)):
                     code = _run_kit(path, body, errors, time_limit_s, operation)
             else:
                 code = run_file(
@@ -147,7 +147,7 @@ def is_for_kits(source: str) -> bool:
     return imports(HubProgram(source, 0), LEGO_PACKAGE)
 
 
-class _Text(io.TextIOBase):
+class TextOutput(io.TextIOBase):
     """Standard output of a program that runs in this very Python."""
 
     def __init__(self, output: BinaryIO) -> None:

@@ -33,6 +33,7 @@ const page = {
 // Bluetooth is the page's: what Python asks of it, see tab/web_port.py.
 const hubPage = {
   ask: (number, operation, characteristic, data) => say("ask", { number, operation, characteristic, data }),
+  ask_kit: (number, operation, device, characteristic, data) => say("ask", { number, operation, device, characteristic, data }),
   take: () => hubMailbox.take(),
   wait: (longest_ms) => hubMailbox.wait(longest_ms),
 };
@@ -106,6 +107,12 @@ async function fetchKits(source) {
   hasKits = true;
 }
 
+// A program for LEGO's kits, on real devices.
+async function runOnKit(request) {
+  await fetchKits(request.files[request.name]);
+  say("ended", { code: python.pyimport("bricktwin.site.tab.real_kit").run_on_kit(JSON.stringify(request), hubPage, page) });
+}
+
 async function obeyHub({ robot, ...request }) {
   const file = request.hub === "teach" ? (await (await fetchPacked(new URL(robot, import.meta.url).href)).json()).robot : null;
   realHub ??= python.pyimport("bricktwin.site.tab.real_hub").RealHub(hubPage, page);
@@ -120,7 +127,7 @@ async function loadMujoco() {
 onmessage = async ({ data }) => {
   try {
     if (data.kind === "start") await start(data);
-    if (data.kind === "run") await (data.request.hub ? obeyHub(data.request) : run(data.request));
+    if (data.kind === "run") await (data.request.hub === "kit" ? runOnKit : data.request.hub ? obeyHub : run)(data.request);
     if (data.kind === "attend") realHub?.attend();
   } catch (error) {
     // Python itself has given up, or a file is missing: this worker is of no use any more.
