@@ -12,6 +12,7 @@ the seeds. It prints a line of JSON for each robot and start.
 import io
 import json
 import math
+import random
 import statistics
 import sys
 import time
@@ -24,6 +25,7 @@ from bricktwin.twin.body import TwinBody
 SAMPLE_MS = 10
 READ_MS = 100
 FULL_MV = 6000
+PHASE_RAD = 0.5
 
 
 def engine_of(text: str) -> Any:
@@ -49,11 +51,21 @@ def cpu_s() -> float:
     return float(clock())
 
 
-def drive(body: TwinBody, time_ms: int) -> None:
-    """Apply voltages that swing, each motor's behind that of the one before."""
-    for number, motor in enumerate(body.robot.motors):
-        phase = 0.004 * time_ms + number
-        body.set_voltage(motor.port, int(FULL_MV * math.sin(phase)))
+def drive(
+    body: TwinBody,
+    time_ms: int,
+    phases: list[float],
+) -> None:
+    """Apply voltages that swing, each motor's at a phase of its own, rad."""
+    for motor, phase in zip(body.robot.motors, phases, strict=True):
+        body.set_voltage(motor.port, int(FULL_MV * math.sin(0.004 * time_ms + phase)))
+
+
+def drawn_phases(body: TwinBody, start: int) -> list[float]:
+    """Phases of a start, each motor's behind that of the one before. Else all starts of a robot
+    with legs on a bare floor would be one motion, turned."""
+    rng = random.Random(start)
+    return [number + rng.uniform(-PHASE_RAD, PHASE_RAD) for number in range(len(body.robot.motors))]
 
 
 def readings(body: TwinBody) -> dict[str, float]:
@@ -80,12 +92,17 @@ def readings(body: TwinBody) -> dict[str, float]:
     return read
 
 
-def move(body: TwinBody, duration_s: float) -> dict[str, Any]:
+def move(
+    body: TwinBody,
+    start: int,
+    duration_s: float,
+) -> dict[str, Any]:
     """Positions after each 10 ms of the first second, and means over all."""
+    phases = drawn_phases(body, start)
     positions = []
     read = []
     for time_ms in range(SAMPLE_MS, round(duration_s * 1000) + 1, SAMPLE_MS):
-        drive(body, time_ms)
+        drive(body, time_ms, phases)
         body.advance_to(time_ms)
         if time_ms <= 1000:
             positions.append(list(body.engine.qpos))
@@ -186,7 +203,7 @@ def main(path: str) -> None:
             elif asked.get("program"):
                 moved = run(body, asked["program"], duration_s)
             else:
-                moved = move(body, duration_s)
+                moved = move(body, start, duration_s)
             used_s = cpu_s() - started_s
             last = body.pose()
             way_mm = 1000 * math.hypot(last.x_m - first.x_m, last.y_m - first.y_m)

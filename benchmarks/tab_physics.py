@@ -6,8 +6,8 @@ version and of ours, and what they cost.
 
 Five robots, in scenes with what their sensors see, are driven by swinging voltages for 10 s from 20
 starts each, by the very body of a twin on three engines: JavaScript in Node.js (as in a tab's
-worker: Pyodide, no NumPy), Python's MuJoCo of the same version, and ours. The noise and the starts
-are the same on all three.
+worker: Pyodide, no NumPy), Python's MuJoCo of the same version, and ours. The noise, the starts and
+the phases of the voltages, which are drawn for each start, are the same on all three.
 
 - Against the same version: the largest difference of any position over the first second.
 - Against ours, whose contacts differ: speed, turn, and the mean reading of each sensor over the

@@ -153,3 +153,15 @@ def test_it_learns_to_stop_at_the_wall_and_does_not_repeat_itself(seed: int) -> 
     assert max(scores) > 65
     tried = [tuple(one["numbers"]) for one in page.trials]
     assert len(set(tried)) > 28
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(1, 5))
+def test_it_learns_to_follow_a_line_faster_than_the_example(seed: int) -> None:
+    """140 seconds of the robot."""
+    page = TaughtPage()
+    body = make_body(SCOUT, scene=world("line-simple"))
+    teach(page, 35, body, goal="follow", seed=seed)
+    teach(page, 1, body, goal="follow", numbers=(120.0, 1.2))
+    *scores, example = (float(str(one["score"])) for one in page.trials)
+    assert max(scores) > 1.1 * example
