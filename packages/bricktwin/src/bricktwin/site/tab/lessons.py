@@ -211,7 +211,7 @@ def follow_line(robot: Robot) -> Lesson:
         goal="follow",
         interface=interface,
         structure=edge_following(interface, EDGE_PCT),
-        labels=("its speed", "its turn for each percent of brightness"),
+        labels=("its speed", "its turn for each percent"),
         steps=_LINE_STEPS,
         score=speed_at_edge,
         unit="mm/s",
