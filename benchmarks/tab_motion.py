@@ -4,13 +4,15 @@ JavaScript build, else Python's, of any version. A script, for :mod:`benchmarks.
     python tab_motion.py ASKED
 
 ASKED is a file of JSON: ``files`` (paths of robots' files, by name), ``starts`` (seeds),
-``duration_s``, ``program``, a hub program that is run in place of swinging voltages, and ``bench``,
-how often it runs on the bench. It prints a line of JSON for each robot and start.
+``duration_s``, ``program``, a hub program that is run in place of swinging voltages, ``bench``, how
+often it runs on the bench, and ``trials``, of a search for a gait that the robots make instead, by
+the seeds. It prints a line of JSON for each robot and start.
 """
 
 import io
 import json
 import math
+import random
 import statistics
 import sys
 import time
@@ -23,6 +25,7 @@ from bricktwin.twin.body import TwinBody
 SAMPLE_MS = 10
 READ_MS = 100
 FULL_MV = 6000
+PHASE_RAD = 0.5
 
 
 def engine_of(text: str) -> Any:
@@ -48,11 +51,21 @@ def cpu_s() -> float:
     return float(clock())
 
 
-def drive(body: TwinBody, time_ms: int) -> None:
-    """Apply voltages that swing, each motor's behind that of the one before."""
-    for number, motor in enumerate(body.robot.motors):
-        phase = 0.004 * time_ms + number
-        body.set_voltage(motor.port, int(FULL_MV * math.sin(phase)))
+def drive(
+    body: TwinBody,
+    time_ms: int,
+    phases: list[float],
+) -> None:
+    """Apply voltages that swing, each motor's at a phase of its own, rad."""
+    for motor, phase in zip(body.robot.motors, phases, strict=True):
+        body.set_voltage(motor.port, int(FULL_MV * math.sin(0.004 * time_ms + phase)))
+
+
+def drawn_phases(body: TwinBody, start: int) -> list[float]:
+    """Phases of a start, each motor's behind that of the one before. Else all starts of a robot
+    with legs on a bare floor would be one motion, turned."""
+    rng = random.Random(start)
+    return [number + rng.uniform(-PHASE_RAD, PHASE_RAD) for number in range(len(body.robot.motors))]
 
 
 def readings(body: TwinBody) -> dict[str, float]:
@@ -79,12 +92,17 @@ def readings(body: TwinBody) -> dict[str, float]:
     return read
 
 
-def move(body: TwinBody, duration_s: float) -> dict[str, Any]:
+def move(
+    body: TwinBody,
+    start: int,
+    duration_s: float,
+) -> dict[str, Any]:
     """Positions after each 10 ms of the first second, and means over all."""
+    phases = drawn_phases(body, start)
     positions = []
     read = []
     for time_ms in range(SAMPLE_MS, round(duration_s * 1000) + 1, SAMPLE_MS):
-        drive(body, time_ms)
+        drive(body, time_ms, phases)
         body.advance_to(time_ms)
         if time_ms <= 1000:
             positions.append(list(body.engine.qpos))
@@ -94,12 +112,17 @@ def move(body: TwinBody, duration_s: float) -> dict[str, Any]:
     return {"positions": positions, "means": means}
 
 
-def run(body: TwinBody | None, program: str, duration_s: float) -> dict[str, Any]:
-    """Run a hub program on a body."""
+def compile_here() -> None:
+    """Let the tab's own compiler do it, in a tab. It has to be there before what imports it."""
     if "compile_in_tab" in globals():
         from bricktwin.site.tab.mpy_cross import put_in_place
 
         put_in_place(globals()["compile_in_tab"])
+
+
+def run(body: TwinBody | None, program: str, duration_s: float) -> dict[str, Any]:
+    """Run a hub program on a body."""
+    compile_here()
     from brickhub.virtual.run import run_file
 
     output = io.BytesIO()
@@ -112,6 +135,50 @@ def run(body: TwinBody | None, program: str, duration_s: float) -> dict[str, Any
         time_limit_s=duration_s,
     )
     return {"printed": output.getvalue().decode(), "errors": errors.getvalue()}
+
+
+class Trials:
+    """A page that keeps what it is told of trials."""
+
+    def __init__(self) -> None:
+        self.made: list[dict[str, Any]] = []
+
+    def frame(self) -> None:
+        """Draw nothing."""
+
+    def post(self, events: str, rows: bytes) -> None:
+        told = json.loads(events or "[]")
+        self.made += [event for event in told if event["kind"] == "trial"]
+
+    def take(self) -> str:
+        return ""
+
+    def may_go_on(self, time_ms: int) -> bool:
+        return True
+
+
+def teach(
+    body: TwinBody,
+    seed: int,
+    trials: int,
+    numbers: list[float] | None = None,
+) -> dict[str, Any]:
+    """Let a robot search for a gait, or try its numbers; scores of the trials, null for a fall."""
+    compile_here()
+    from bricktwin.site.tab.teach import teach_in_tab
+
+    page = Trials()
+    request = {
+        "goal": "walk",
+        "seed": seed,
+        "state": None,
+        "trials": trials,
+        "numbers": numbers,
+    }
+    teach_in_tab(json.dumps(request), page, body)
+    scores = [None if one["fell"] else one["score"] for one in page.made]
+    seconds = sum(one["seconds"] for one in page.made)
+    return {"scores": scores, "robot_s": seconds}
 
 
 def main(path: str) -> None:
@@ -131,10 +198,12 @@ def main(path: str) -> None:
             body = body_of(json.loads(text), engine, seed=start)
             first = body.pose()
             started_s = cpu_s()
-            if asked.get("program"):
+            if asked.get("trials"):
+                moved = teach(body, start, asked["trials"], asked.get("numbers"))
+            elif asked.get("program"):
                 moved = run(body, asked["program"], duration_s)
             else:
-                moved = move(body, duration_s)
+                moved = move(body, start, duration_s)
             used_s = cpu_s() - started_s
             last = body.pose()
             way_mm = 1000 * math.hypot(last.x_m - first.x_m, last.y_m - first.y_m)

@@ -12,11 +12,16 @@ loads itself once more for its service worker) and from the site's own starter `
 - Memory: proportional memory (PSS) of the page's own process while the first example runs, and
   every half minute while a program drives without end at five times real time. A browser's own
   collections of garbage let it rise and fall, so that a leak shows in the least of each third.
+- A time-lapse: the same program as fast as it goes, by which an hour of the robot's time takes a
+  few minutes; memory of the page's process, and of what its scripts hold.
+
+``--visitors 0`` and ``--minutes 0`` leave these out, and keep what was measured of them.
 """
 
 from __future__ import annotations
 
 import http.server
+import json
 import os
 import re
 import shutil
@@ -57,6 +62,14 @@ while True:
     base.curve(100, 360)
     print(base.distance())
 """
+
+BEGUN = {
+    "files": {"circles.py": CIRCLES},
+    "current": "circles.py",
+    "robot": "two-wheeler",
+    "world": "",
+}
+"""What the page knows of a visitor who has that program."""
 
 
 class _PlainFiles(http.server.SimpleHTTPRequestHandler):
@@ -208,28 +221,62 @@ def drive(browser: Browser, address: str, minutes: float) -> dict[str, Any]:
     }
 
 
+def lapse(
+    browser: Browser,
+    address: str,
+    minutes: float,
+) -> dict[str, Any]:
+    """Memory while a program drives without end as fast as it goes."""
+    context = browser.new_context(viewport=SIZE)
+    context.set_default_timeout(TIMEOUT_MS)
+    page = context.new_page()
+    page.add_init_script(f"localStorage['bricks-programs'] ??= {json.dumps(json.dumps(BEGUN))}")
+    page.goto(address)
+    page.wait_for_selector("#state.ready")
+    page.select_option("#rate", "fast")
+    page.click("#run")
+    session = context.new_cdp_session(page)
+    rows = []
+    started_s = time.monotonic()
+    while time.monotonic() - started_s < 60 * minutes:
+        page.wait_for_timeout(12_000)
+        session.send("HeapProfiler.collectGarbage")
+        scripts_mb = session.send("Runtime.getHeapUsage")["usedSize"] / 1e6
+        simulated_s = float((page.text_content("#clock") or "0").split()[0])
+        rows.append([simulated_s, round(page_mb(browser), 1), round(scripts_mb, 2)])
+    context.close()
+    return {"minutes": minutes, "simulated_s_mb_and_scripts_mb": rows}
+
+
 def main(session: Session) -> None:
     """Measure, and write the result."""
     from playwright.sync_api import sync_playwright
 
-    args = session.parse(minutes=15.0, visitors=5)
+    args = session.parse(minutes=15.0, visitors=5, lapse=3.0)
     with tempfile.TemporaryDirectory(prefix="tab-page-") as name:
         folder = Path(name) / "site"
         files = build_site(folder)
         size_mb = sum(path.stat().st_size for path in files) / 1e6
-        result: dict[str, Any] = {"site_mb": round(size_mb, 2), "files": len(files)}
+        result: dict[str, Any] = dict(session.known())
+        result |= {"site_mb": round(size_mb, 2), "files": len(files)}
         with sync_playwright() as playwright:
             browser = playwright.chromium.launch(
                 executable_path=shutil.which("chromium"), args=list(FLAGS)
             )
             result["browser"] = browser.version
             for key, serve in (("file_server", plain_server), ("own_starter", own_starter)):
+                if not args.visitors:
+                    continue
                 with serve(folder) as address:
                     result[key] = waits(browser, address, args.visitors)
                     print(key, result[key], flush=True)
             result["load_average"] = round(os.getloadavg()[0], 2)
             with plain_server(folder) as address:
-                result["running"] = drive(browser, address, args.minutes)
-                print(result["running"], flush=True)
+                if args.minutes:
+                    result["running"] = drive(browser, address, args.minutes)
+                    print(result["running"], flush=True)
+                if args.lapse:
+                    result["lapse"] = lapse(browser, address, args.lapse)
+                    print(result["lapse"], flush=True)
             browser.close()
     session.write(result)

@@ -6,8 +6,8 @@ version and of ours, and what they cost.
 
 Five robots, in scenes with what their sensors see, are driven by swinging voltages for 10 s from 20
 starts each, by the very body of a twin on three engines: JavaScript in Node.js (as in a tab's
-worker: Pyodide, no NumPy), Python's MuJoCo of the same version, and ours. The noise and the starts
-are the same on all three.
+worker: Pyodide, no NumPy), Python's MuJoCo of the same version, and ours. The noise, the starts and
+the phases of the voltages, which are drawn for each start, are the same on all three.
 
 - Against the same version: the largest difference of any position over the first second.
 - Against ours, whose contacts differ: speed, turn, and the mean reading of each sensor over the
@@ -104,14 +104,14 @@ T_95 = 2.02
 
 
 class Engines:
-    """The three engines, which run :mod:`benchmarks.tab_motion`.
+    """The engines, which run :mod:`benchmarks.tab_motion`: that of a tab, and ours.
 
     Args:
         folder: for the files of what is asked.
-        same: Python with MuJoCo of the JavaScript build's version.
+        same: Python with MuJoCo of the JavaScript build's version, for a third one.
     """
 
-    def __init__(self, folder: Path, same: str) -> None:
+    def __init__(self, folder: Path, same: str = "") -> None:
         self._folder = folder
         self._houses = [
             str(Path(str(house.__file__)).parents[1]) for house in (brickhub, bricktwin)

@@ -4,6 +4,7 @@ program."""
 from __future__ import annotations
 
 import io
+import signal
 import time
 from pathlib import Path
 from typing import Any
@@ -18,7 +19,7 @@ from brickhub.virtual.given_readings import parse_reading
 from brickhub.virtual.machine import Machine, Pace
 from brickhub.virtual.micropython.exceptions import HostStop
 from brickhub.virtual.panel import Panel, parse_press
-from brickhub.virtual.run import Operation, run_file
+from brickhub.virtual.run import Operation, interruptible, run_file
 
 
 def run(
@@ -524,3 +525,19 @@ def test_an_end_from_the_host_passes_a_program(handler: str, tmp_path: Path) -> 
     with pytest.raises(Ended):
         run_file(path, stdout=out, stderr=err, operation=ending(Ended))
     assert (out.getvalue(), err.getvalue()) == (b"", "")
+
+
+def test_an_interrupt_at_the_end_of_a_run_is_an_interrupt(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As the handlers are just being set back."""
+    before = signal.getsignal(signal.SIGINT)
+    handle = signal.signal
+    late = [signal.SIGINT]
+
+    def interrupted(number: int, handler: Any) -> Any:
+        if handler is before and late:
+            signal.raise_signal(late.pop())
+        return handle(number, handler)
+
+    with pytest.raises(KeyboardInterrupt), interruptible():
+        monkeypatch.setattr(signal, "signal", interrupted)
+    assert signal.getsignal(signal.SIGINT) is before

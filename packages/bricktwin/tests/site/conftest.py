@@ -9,6 +9,7 @@ import queue
 import threading
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -59,7 +60,12 @@ class _PlainFiles(http.server.SimpleHTTPRequestHandler):
 
 def _build(folder: Path) -> None:
     try:
-        build_site(folder, (TWO_WHEELER, SCOUT), worlds=("wall", "table"))
+        build_site(
+            folder,
+            (TWO_WHEELER, SCOUT),
+            worlds=("wall", "table", "line-simple"),
+            has_kits=find_spec("legoeducation") is not None,
+        )
     except SiteError as error:
         pytest.skip(str(error))
 

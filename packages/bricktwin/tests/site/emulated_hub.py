@@ -3,7 +3,9 @@ page of the site that meets it.
 
 The domain ``BluetoothEmulation`` has no notifications. So each is the answer to a read, which the
 page does not know of: a script that is there before the page reads the subscribed characteristic
-over and over, and Chromium tells the page of each value by the very event of a notification.
+over and over, and Chromium tells the page of each value by the very event of a notification. The
+same script holds operations back while the link is being lost: Chromium keeps an emulated
+connection for good if one of them has no answer at its end.
 """
 
 from __future__ import annotations
@@ -13,7 +15,7 @@ import base64
 from collections import deque
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 from browser import FLAGS, TIMEOUT_MS, chromium_path
 from gatt_hub import GattHub
@@ -36,6 +38,13 @@ _READS_FOR_NOTIFICATIONS = """(() => {
         listen().catch(() => {});
         return subscribed;
     };
+    for (const name of ["readValue", "writeValueWithResponse"]) {
+        const begin = kind[name];
+        kind[name] = async function (...values) {
+            while (globalThis.isLosing) await new Promise((done) => setTimeout(done, 10));
+            return begin.apply(this, values);
+        };
+    }
 })()"""
 _READABLE = (
     profile.FIRMWARE_REVISION_UUID,
@@ -44,15 +53,20 @@ _READABLE = (
 )
 
 
-_ON_ITS_WAY_S = 0.15
+_ON_ITS_WAY_S = 0.2
 """Time in which an operation that a page has begun is known here."""
 
 
 class EmulatedHub(GattHub):
-    """A hub of which a browser knows."""
+    """A hub of which a browser knows.
+
+    Attributes:
+        page: that has it; once it is there.
+    """
 
     def __init__(self, robot: Robot, body: Body | None = None) -> None:
         super().__init__(robot, body)
+        self.page: Page | None = None
         self._uuids: dict[str, str] = {}
         self._command = ""
         self._is_read = False
@@ -100,20 +114,27 @@ class EmulatedHub(GattHub):
 
     async def tell_loss(self) -> None:
         self._notifications.clear()
-        # Chromium keeps a connection for good if an operation has no answer at its end. One may be
-        # on its way now.
         self._is_losing = True
+        await self._hold(True)
+        # One may be on its way now.
         await asyncio.sleep(_ON_ITS_WAY_S)
         if self._is_read:
             self._is_read = False
             self._unanswered.append((self._command, "read"))
-        for characteristic, kind in self._unanswered:
-            await self._answer(characteristic, kind, int(profile.CommandError.UNLIKELY_ERROR))
+        failed = int(profile.CommandError.UNLIKELY_ERROR)
+        ends = [self._answer(*operation, failed) for operation in self._unanswered]
         self._unanswered.clear()
-        await self._do("simulateGATTDisconnection", address=ADDRESS)
+        # All at once: a page that has its answer begins what else it has to do.
+        await asyncio.gather(*ends, self._do("simulateGATTDisconnection", address=ADDRESS))
         # With the connection Chromium forgets them.
         await self._add_services()
         self._is_losing = False
+        await self._hold(False)
+
+    async def _hold(self, is_losing: bool) -> None:
+        """Let the page hold its operations back, or let it go on."""
+        if self.page is not None and not self.is_off:
+            await self.page.evaluate("(is) => { globalThis.isLosing = is; }", is_losing)
 
     async def _send_next(self) -> None:
         if self._is_read and self._notifications:
@@ -195,8 +216,16 @@ class EmulatedHub(GattHub):
         return begin
 
 
+class Peripheral(Protocol):
+    """What a browser finds."""
+
+    async def plug_into(self, browser: Browser) -> None: ...
+
+    def switch_off(self) -> None: ...
+
+
 @asynccontextmanager
-async def page_with(hub: EmulatedHub, address: str) -> AsyncIterator[Page]:
+async def page_with(hub: Peripheral, address: str) -> AsyncIterator[Page]:
     """A page of a site, with Python at work, in a browser that has a hub within reach."""
     from playwright.async_api import async_playwright
 
@@ -208,8 +237,9 @@ async def page_with(hub: EmulatedHub, address: str) -> AsyncIterator[Page]:
         try:
             await hub.plug_into(browser)
             page = await _page(browser)
+            if isinstance(hub, EmulatedHub):
+                hub.page = page
             errors: list[str] = []
-            page.on("pageerror", lambda error: errors.append(str(error)))
             page.on("pageerror", lambda error: errors.append(str(error)))
             await page.goto(address)
             await page.wait_for_selector("#state.ready")

@@ -45,14 +45,15 @@ class _Page:
         return True
 
 
-def _as_in_a_tab() -> None:
+def as_in_a_tab() -> None:
     """Let LEGO's package, imported anew, take this Python for one in a browser."""
     for name in [name for name in sys.modules if name.startswith(_ANEW)]:
         del sys.modules[name]
     # A tab has no greenlets.
     sys.modules["greenlet"] = None  # type: ignore[assignment]
     ffi = types.ModuleType("pyodide.ffi")
-    ffi.run_sync = None  # type: ignore[attr-defined]
+    for name in ("run_sync", "to_js", "create_proxy"):
+        setattr(ffi, name, None)
     sys.modules["pyodide"] = types.ModuleType("pyodide")
     sys.modules["pyodide.ffi"] = ffi
     sys.modules["pyodide"].ffi = ffi  # type: ignore[attr-defined]
@@ -66,7 +67,7 @@ def _tell(name: str, code: int, said: str) -> None:
 
 def main() -> None:
     body = make_body(CART)
-    _as_in_a_tab()
+    as_in_a_tab()
     tab_run.FOLDER = Path(tempfile.mkdtemp()) / "programs"
     drives = "import legoeducation as le\nm = le.DoubleMotor()\nm.connect()\n"
     drives += "m.movement_move_for_time(1000)\nprint('it drove')\n"
@@ -84,4 +85,5 @@ def main() -> None:
     os._exit(0)
 
 
-main()
+if __name__ == "__main__":
+    main()

@@ -113,9 +113,10 @@ def words(text: str) -> str:
     return re.sub(r"allocating \d+ bytes", "allocating bytes", once)
 
 
-def is_usable(page: Page) -> bool:
-    """Whether a program still runs as it should."""
-    return run_program(page, "print('still here')\n")[1] == "still here\n"
+def check_usable(page: Page) -> None:
+    """A program still runs as it should."""
+    _, *ended = run_program(page, "print('still here')\n")
+    assert (ended, page.text_content("#note")) == (["still here\n", "finished"], "")
 
 
 @pytest.mark.slow
@@ -125,7 +126,7 @@ def test_words_are_the_hubs_own(page: Page, number: int, tmp_path: Path) -> None
     name, shown, state = run_program(page, source)
     assert state in ("error", "finished", "stopped")
     assert words(shown) == words(printed(tmp_path, {name: source}, name))
-    assert is_usable(page)
+    check_usable(page)
 
 
 @pytest.mark.slow
@@ -136,7 +137,7 @@ def test_too_deep_a_program_leaves_the_page_usable(page: Page, number: int) -> N
     assert state in ("error", "finished") or "too much for this browser" in note
     assert "Traceback" in shown or state != "error"
     page.wait_for_selector("#state.ready, #state.error, #state.finished")
-    assert is_usable(page)
+    check_usable(page)
 
 
 @pytest.mark.slow
@@ -144,4 +145,4 @@ def test_too_deep_a_program_leaves_the_page_usable(page: Page, number: int) -> N
 @pytest.mark.parametrize("number", range(len(ENDLESS)))
 def test_an_endless_program_is_stopped(page: Page, number: int) -> None:
     assert stopped_after_s(page, ENDLESS[number]) < STOP_S
-    assert is_usable(page)
+    check_usable(page)

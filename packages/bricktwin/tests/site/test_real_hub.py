@@ -15,7 +15,7 @@ from brickhub.hub.program.generate import generate_trials
 from brickhub.hub.transports.profile import Status
 from brickhub.robot import Robot
 from brickhub.virtual.body import Body
-from bricktwin.robots import TWO_WHEELER, WALKER
+from bricktwin.robots import SCOUT, TWO_WHEELER, WALKER
 from bricktwin.site.tab import hub_lessons, lessons, real_hub, run
 from bricktwin.site.tab.hub_lessons import HUB_LESSONS, approach_speed
 from bricktwin.site.tab.plain_values import plain
@@ -23,6 +23,7 @@ from bricktwin.site.tab.real_hub import LOST_EXIT_CODE, RealHub
 from bricktwin.site.tab.run import REFUSED_EXIT_CODE, STOPPED_EXIT_CODE
 from bricktwin.twin.make_body import make_body
 from bricktwin.twin.scene import Scene
+from bricktwin.worlds import world
 
 pytestmark = pytest.mark.realtime
 
@@ -49,7 +50,9 @@ class Tab:
         self.hub.files["main.py"] = source
         return self.do("run", files={"main.py": source}, name="main.py", stdin=stdin)
 
-    def teach(self, trials: int, goal: str = "walk") -> int:
+    def teach(
+        self, trials: int, goal: str = "walk", numbers: tuple[float, ...] | None = None
+    ) -> int:
         lesson = HUB_LESSONS[goal](self.robot).lesson
         program = generate_trials(
             self.robot,
@@ -58,7 +61,7 @@ class Tab:
             lesson.structure.hub_source(),
         )
         self.hub.library.append(program.source)
-        request = {"goal": goal, "seed": 3, "state": None, "numbers": None}
+        request = {"goal": goal, "seed": 3, "state": None, "numbers": numbers}
         return self.do("teach", trials=trials, **request)
 
     def press(self, wish: str) -> None:
@@ -198,6 +201,29 @@ def test_a_person_is_asked_to_put_the_robot_back(
     assert walker.teach(1) == STOPPED_EXIT_CODE
     assert walker.page.of("trial") == []
     assert asked[0]["wanted_mm"] == 1300.0 and 1200 < asked[0]["distance_mm"] < 1400
+
+
+@pytest.fixture
+def scout(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Tab]:
+    """A robot at the edge of a line, whose trials take half a second."""
+    monkeypatch.setattr(lessons, "_LINE_STEPS", 10)
+    yield from opened(tmp_path, monkeypatch, SCOUT, make_body(SCOUT, scene=world("line-simple")))
+
+
+def test_a_robot_that_has_lost_its_line_is_put_back(scout: Tab) -> None:
+    asked: list[dict[str, Any]] = []
+
+    def answer(event: dict[str, Any]) -> None:
+        if event["kind"] == "place":
+            asked.append(event)
+            scout.press("stop")
+
+    scout.page.on_event = answer
+    # It turns to the wrong side, and away from the edge.
+    assert scout.teach(2, "follow", (200.0, -5.0)) == STOPPED_EXIT_CODE
+    (trial,) = scout.page.of("trial")
+    assert 0 < trial["score"] < 60
+    assert asked[0]["reflection_pct"] > 65 or asked[0]["reflection_pct"] < 10
 
 
 def test_speed_is_known_though_the_sensor_now_and_then_sees_nothing() -> None:

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import io
 import json
+import signal
 import struct
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -142,3 +144,35 @@ def test_needs_nothing_that_no_tab_has() -> None:
         [sys.executable, "-c", program], capture_output=True, text=True, check=False
     )
     assert done.stdout == "(None, 'SyntaxError: odd')\n", done.stderr
+
+
+@pytest.fixture
+def stops_in_runs_only() -> Iterator[None]:
+    before = signal.getsignal(signal.SIGINT)
+    run.heed_stops_in_runs_only()
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.usefixtures("stops_in_runs_only")
+def test_a_stop_that_comes_late_ends_nothing_else(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The program has ended, and the page does not know yet."""
+    tell_written = run.tell_written
+
+    def late(*given: object) -> None:
+        signal.raise_signal(signal.SIGINT)
+        tell_written(*given)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(run, "tell_written", late)
+    page = PlayedPage()
+    assert run_source(page, "print('there')\n") == 0
+    assert page.text("out", "err") == "there\n"
+
+
+@pytest.mark.usefixtures("stops_in_runs_only")
+def test_an_interrupt_ends_a_program_that_runs() -> None:
+    page = PlayedPage(allowed_ms=100)
+    page.take = lambda: signal.raise_signal(signal.SIGINT) or ""  # type: ignore[method-assign, func-returns-value]
+    waits = "from pybricks.tools import wait\nwhile True:\n    wait(10)\n"
+    assert run_source(page, waits) == run.STOPPED_EXIT_CODE
+    assert page.text("err") == "The program was stopped (SystemExit).\n"

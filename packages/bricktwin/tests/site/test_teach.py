@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from bricktwin.robots import ROBO_ARM, TWO_WHEELER, WALKER
+from bricktwin.robots import CART, ROBO_ARM, SCOUT, TWO_WHEELER, WALKER
 from bricktwin.robots.as_drawn import robot_as_drawn
 from bricktwin.site.tab import lessons, trial
 from bricktwin.site.tab.lessons import Record, ahead_mm, lesson_for, walking_speed
@@ -72,6 +72,15 @@ def test_a_trial_walks_and_is_the_same_each_time() -> None:
     assert len(again.trials[0]["state"]["scores"]) == 2
 
 
+def test_a_trial_does_not_begin_with_the_turn_of_the_last_one() -> None:
+    body = make_body(SCOUT, scene=world("line-simple"))
+    page = TaughtPage()
+    for numbers in ((100.0, 1.0), (75.0, 4.5), (100.0, 1.0)):
+        teach(page, 1, body, goal="follow", numbers=numbers)
+    first, turns, again = (float(str(one["score"])) for one in page.trials)
+    assert turns < 20 < first == again
+
+
 def test_a_fall_ends_a_trial_and_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     # A Walker hardly ever falls: any tilt is one here.
     monkeypatch.setattr(trial, "TILT_DEG", 0.0)
@@ -112,6 +121,11 @@ def test_who_can_learn_what() -> None:
     assert stop is not None and stop.goal == "stop"
     kept = lesson_for(BALANCER, "wall", is_held=True)
     assert kept is not None and kept.goal == "upright"
+    follow = lesson_for(SCOUT, "line-sharp")
+    assert follow is not None and follow.goal == "follow"
+    # It has no color sensor; and the devices of kits run no program of a hub.
+    assert lesson_for(TWO_WHEELER, "line-sharp") is None
+    assert lesson_for(CART, "line-sharp") is None
 
 
 @pytest.mark.parametrize(("gain", "stands"), [(25.0, True), (2.0, False)])
@@ -158,3 +172,15 @@ def test_it_learns_to_stop_at_the_wall_and_does_not_repeat_itself(seed: int) -> 
     assert max(scores) > 65
     tried = [tuple(one["numbers"]) for one in page.trials]
     assert len(set(tried)) > 28
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(1, 5))
+def test_it_learns_to_follow_a_line_faster_than_the_example(seed: int) -> None:
+    """140 seconds of the robot."""
+    page = TaughtPage()
+    body = make_body(SCOUT, scene=world("line-simple"))
+    teach(page, 35, body, goal="follow", seed=seed)
+    teach(page, 1, body, goal="follow", numbers=(120.0, 1.2))
+    *scores, example = (float(str(one["score"])) for one in page.trials)
+    assert max(scores) > 1.1 * example

@@ -70,22 +70,48 @@ def run_kit_file(
         operation.attend(kit.machine)
     VirtualTransport.in_reach.append(kit)
     try:
-        with _surroundings(path, kit):
-            code = compile(source, str(path), "exec")
-            namespace = {
-                "__name__": "__main__",
-                "__file__": str(path),
-                # The functions of Python's `site` close standard input, which belongs to this
-                # process.
-                "exit": sys.exit,
-                "quit": sys.exit,
-            }
-            kit.run(lambda: exec(code, namespace), time_limit_s)  # noqa: S102  the user's program
-    except ProgramStopped:
-        stderr.write("The program was stopped (SystemExit).\n")
+        with beside(path), _clock_of(kit):
+            return run_source(
+                source,
+                path,
+                lambda program: kit.run(program, time_limit_s),
+                stderr,
+            )
     except HubTimeoutError:
         stderr.write(time_limit_note(time_limit_s or 0.0))
         return TIME_LIMIT_EXIT_CODE
+    finally:
+        VirtualTransport.in_reach.remove(kit)
+        kit.machine.stop_motors()
+
+
+def run_source(
+    source: str,
+    path: Path,
+    run: Callable[[Callable[[], object]], object],
+    stderr: TextIO,
+) -> int:
+    """Run a Python program to its end; returns its exit code. What it raises is written to
+    ``stderr``, but for a HubTimeoutError, which is raised.
+
+    Args:
+        path: its name in a traceback.
+        run: calls the program.
+    """
+    try:
+        code = compile(source, str(path), "exec")
+        namespace = {
+            "__name__": "__main__",
+            "__file__": str(path),
+            # The functions of Python's `site` close standard input, which belongs to this process.
+            "exit": sys.exit,
+            "quit": sys.exit,
+        }
+        run(lambda: exec(code, namespace))  # noqa: S102  the user's program
+    except ProgramStopped:
+        stderr.write("The program was stopped (SystemExit).\n")
+    except HubTimeoutError:
+        raise
     except SystemExit as end:
         # As in Python, a text is an error and is printed, and nothing is success.
         if isinstance(end.code, str):
@@ -98,9 +124,6 @@ def run_kit_file(
             trace = trace.tb_next
         stderr.write("".join(traceback.format_exception(error.with_traceback(trace))))
         return 1
-    finally:
-        VirtualTransport.in_reach.remove(kit)
-        kit.machine.stop_motors()
     return 0
 
 
@@ -141,16 +164,11 @@ def _kit(
 
 
 @contextmanager
-def _surroundings(path: Path, kit: VirtualKit) -> Iterator[None]:
-    """Context in which a program finds what lies beside it, its own arguments, and a clock that is
-    the devices'."""
+def beside(path: Path) -> Iterator[None]:
+    """Context in which a program finds what lies beside it, and its own arguments."""
     arguments_before = sys.argv
     path_before = sys.path[:]
-    time_before = sys.modules["time"]
     sys.argv = [str(path)]
-    # The program gets a `time` module of its own. LEGO's package and ours have already imported
-    # Python's, and keep real time.
-    sys.modules["time"] = _clock(kit)
     sys.path.insert(0, str(path.parent))
     try:
         yield
@@ -158,7 +176,19 @@ def _surroundings(path: Path, kit: VirtualKit) -> Iterator[None]:
         sys.argv = arguments_before
         # The same list is filled again, because others may hold it.
         sys.path[:] = path_before
-        sys.modules["time"] = time_before
+
+
+@contextmanager
+def _clock_of(kit: VirtualKit) -> Iterator[None]:
+    """Context in which a program's clock is that of the devices."""
+    before = sys.modules["time"]
+    # The program gets a `time` module of its own. LEGO's package and ours have already imported
+    # Python's, and keep real time.
+    sys.modules["time"] = _clock(kit)
+    try:
+        yield
+    finally:
+        sys.modules["time"] = before
 
 
 def _clock(kit: VirtualKit) -> types.ModuleType:

@@ -6,6 +6,7 @@ devices from its first use on, once this transport is registered. Its coroutines
 package's own thread.
 """
 
+import sys
 from collections.abc import Mapping
 from typing import Any, ClassVar
 
@@ -73,13 +74,16 @@ class VirtualTransport(BLETransport):  # type: ignore[misc]  # the package has n
             self.shutdown_callback()
 
     def _real(self) -> BLETransport:
-        """Bluetooth of this computer, as LEGO's package uses it by itself."""
+        """Bluetooth of this computer, or of this browser, as LEGO's package uses it by itself."""
         # Bluetooth is made only where it is used, because who has virtual devices may have none.
         if self._bluetooth is None:
-            # In a browser's tab there is no such Bluetooth, and nothing that could be imported.
-            from legoeducation.basic_ble import BasicBLE
+            # Neither can be imported where the other one is.
+            if sys.platform == "emscripten":
+                from legoeducation.web_bluetooth import WebBluetoothTransport as Bluetooth
+            else:
+                from legoeducation.basic_ble import BasicBLE as Bluetooth
 
-            self._bluetooth = BasicBLE(shutdown_callback=None)
+            self._bluetooth = Bluetooth(shutdown_callback=None)
         return self._bluetooth
 
 

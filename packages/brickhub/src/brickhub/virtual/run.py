@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from types import FrameType
-from typing import BinaryIO, TextIO
+from typing import Any, BinaryIO, TextIO
 
 from brickhub.errors import TwinError
 from brickhub.files import reading, write_durably
@@ -436,13 +436,21 @@ def interruptible() -> Iterator[None]:
         for number in signal.valid_signals()
         if signal.getsignal(number) is signal.default_int_handler
     }
-    previous_handlers = {
-        number: signal.signal(number, interrupt) for number in {signal.SIGINT, *numbers}
-    }
+    previous_handlers = {number: signal.getsignal(number) for number in {signal.SIGINT, *numbers}}
     try:
-        yield
+        try:
+            for number in previous_handlers:
+                signal.signal(number, interrupt)
+            yield
+        finally:
+            _handle(previous_handlers)
     except _Interrupted:
+        # It may have come while the handlers were changed.
+        _handle(previous_handlers)
         raise KeyboardInterrupt from None
-    finally:
-        for number, handler in previous_handlers.items():
-            signal.signal(number, handler)
+
+
+def _handle(handlers: Mapping[signal.Signals, Any]) -> None:
+    """Let signals be handled by these."""
+    for number, handler in handlers.items():
+        signal.signal(number, handler)

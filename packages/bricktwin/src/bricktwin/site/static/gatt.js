@@ -1,4 +1,4 @@
-// Bluetooth of the page: carries bytes between one hub and Python in the worker, which speaks with it. Nothing here knows what
+// Bluetooth of the page: carries bytes between one hub, or device, and Python in the worker, which speaks with it. Nothing here knows what
 // they mean.
 
 const bytesOf = (digits) => Uint8Array.from(digits.match(/../g) ?? [], (byte) => parseInt(byte, 16));
@@ -17,9 +17,9 @@ export class Gatt {
     return Boolean(navigator.bluetooth?.requestDevice);
   }
 
-  // A person chooses a hub; asked for within the press of a button.
-  async choose({ service, others }) {
-    const device = await navigator.bluetooth.requestDevice({ filters: [{ services: [service] }], optionalServices: others });
+  // A person chooses a device, as `requestDevice` is asked for it; within the press of a button.
+  async choose(options) {
+    const device = await navigator.bluetooth.requestDevice(options);
     if (device !== this.device) device.addEventListener("gattserverdisconnected", () => this.lose());
     this.device = device;
   }
@@ -71,6 +71,7 @@ export class Gatt {
     const found = this.characteristics?.get(characteristic);
     if (!found) throw new DOMException(this.characteristics ? `it has no ${characteristic}` : "it is not connected", "NetworkError");
     if (operation === "read") return { value: digitsOf(await found.readValue()) };
+    if (operation === "send") return void (await found.writeValueWithoutResponse(bytesOf(data)));
     if (operation === "write") return void (await found.writeValueWithResponse(bytesOf(data)));
     found.oncharacteristicvaluechanged = ({ target }) => this.on.event(digitsOf(target.value));
     await found.startNotifications();

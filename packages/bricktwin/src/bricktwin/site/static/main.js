@@ -9,6 +9,7 @@ import { FAST, Player } from "./player.js";
 import { errorsOf, Printed } from "./printed.js";
 import { exampleOf, linkOf, Programs, programOf, saveFile } from "./programs.js";
 import { RealHub } from "./real_hub.js";
+import { RealKit } from "./real_kit.js";
 import { Stage } from "./stage.js";
 import { Teach } from "./teach.js";
 
@@ -24,6 +25,7 @@ async function begin() {
   let errors = ""; // what the hub says about an error, as far as it has come
   let teach = null; // once the page is there
   let real = null;
+  let kit = null;
 
   const hub = new Hub({
     ready() {
@@ -32,14 +34,15 @@ async function begin() {
       teach?.begin();
       setTimeout(keepForOffline, OFFLINE_AFTER_MS);
     },
-    ask: (operation) => real.ask(operation),
+    ask: (operation) => (kit.isRunning ? kit : real).ask(operation),
     happened(events, frames) {
       // Between two runs, only the real hub is heard.
-      if (real?.doing || !state.isBusy) real?.add(events);
+      if (kit?.isRunning) kit.add(events);
+      else if (real?.doing || !state.isBusy) real?.add(events);
       else (teach.isLearning ? teach : player).add(events, frames);
     },
     ended(code) {
-      const done = real?.end(code);
+      const done = kit?.end() ? "kit" : real?.end(code);
       if (done && done !== "teach") {
         state.code = code;
         finish();
@@ -56,6 +59,7 @@ async function begin() {
     failed(text, wasReady) {
       if (teach?.isLearning) teach.end(1);
       player.abandon();
+      kit?.end();
       state.set("failed");
       real?.restart();
       note(wasReady
@@ -107,6 +111,7 @@ async function begin() {
     if (!programs.write(source)) note("This browser does not keep your programs; save them as files.");
     editor.show([]);
     say("");
+    kit?.offer(source);
     bench.take(source);
     board.take(source);
   }
@@ -114,6 +119,7 @@ async function begin() {
   function showProgram() {
     byId("programs").replaceChildren(...Object.keys(programs.files).map((name) => new Option(name, name, false, name === programs.current)));
     editor.load(programs.source);
+    kit?.offer(programs.source);
     bench.take(programs.source);
     board.take(programs.source);
     say("");
@@ -193,6 +199,7 @@ async function begin() {
 
   function stop() {
     wanted = null;
+    if (kit?.isRunning) return void kit.stop();
     if (real?.doing) return void real.stop();
     if (player.isRunning) {
       state.isStopping = true;
@@ -338,6 +345,21 @@ async function begin() {
       changed: () => teach?.meet(real?.isConnected),
     },
   });
+  kit = new RealKit(byId("kit"), {
+    button: byId("run-on-kit"), hub,
+    on: {
+      note,
+      show,
+      start() {
+        if (state.isBusy || !hub.isReady) return false;
+        if (real.isConnected) return void note("Disconnect the hub first.");
+        clearOutput();
+        state.set("on the devices");
+        hub.run({ hub: "kit", ...toRun() });
+        return true;
+      },
+    },
+  });
   teach = new Teach(byId("teach"), {
     button: byId("teach-it"),
     on: {
@@ -366,15 +388,17 @@ async function begin() {
     if (shared.robot) chooseRobot(shared.robot, shared.world ?? "");
   } else if (isNew || linked) programs.add(first.name, first.source);
   showProgram();
-  if (shared) note("This program came with the link. Look at it, then press Run.");
-  if (!hub.hasWayIn) note("This browser, or the address (it needs https), gives no way into a running program: sliders and buttons act from the next run on.");
+  if (!hub.hasWayIn) note.standing = "This browser, or the address (it needs https), gives no way into a running program: sliders and buttons act from the next run on.";
+  note(shared ? "This program came with the link. Look at it, then press Run." : "");
   // Who comes for the first time, or to an example, sees what happens here; what somebody else has sent is not run unasked.
   if ((isNew && !shared) || linked) run();
   // Tests look whether the page is there.
   document.body.dataset.page = "there";
 }
 
+// What is always so is said whenever there is nothing else to say.
 function note(text) {
+  text ||= note.standing ?? "";
   byId("note").textContent = text;
   byId("note").hidden = !text;
 }
@@ -394,7 +418,7 @@ class State {
   }
 
   get isBusy() {
-    return this.isRunning || ["learning", "on the hub", "connecting"].includes(this.name);
+    return this.isRunning || ["learning", "on the hub", "on the devices", "connecting"].includes(this.name);
   }
 
   get isRunning() {

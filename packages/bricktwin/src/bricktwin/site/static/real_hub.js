@@ -2,9 +2,9 @@
 
 import { Gatt } from "./gatt.js";
 
-const NO_BLUETOOTH = "This browser lets no page use Bluetooth. Chrome and Edge do, on Windows, macOS, ChromeOS and Android; on Linux once "
+export const NO_BLUETOOTH = "This browser lets no page use Bluetooth. Chrome and Edge do, on Windows, macOS, ChromeOS and Android; on Linux once "
   + "chrome://flags/#enable-experimental-web-platform-features is switched on. Firefox, Safari, iPhones and iPads do not.";
-const NO_WAY_IN = "A hub needs an address that begins with https, or that of this computer (python serve.py); this one has none, or the page has just been opened for the first time: load it again.";
+export const NO_WAY_IN = "A hub needs an address that begins with https, or that of this computer (python serve.py); this one has none, or the page has just been opened for the first time: load it again.";
 const LOST = "The link to the hub is lost.";
 const LOST_IN_PROGRAM = `${LOST} Your program goes on, on the hub: press the hub's button to stop it. Then connect again.`;
 const LOST_IN_TRY = `${LOST} The hub ends its try by itself, and its motors stop. The page connects again …`;
@@ -39,7 +39,8 @@ export class RealHub {
     if (!Gatt.isPossible()) return this.on.note(NO_BLUETOOTH);
     if (!this.hub.hasWayIn) return this.on.note(NO_WAY_IN);
     try {
-      await this.gatt.choose(this.names);
+      const { service, others } = this.names;
+      await this.gatt.choose({ filters: [{ services: [service] }], optionalServices: others });
     } catch (error) {
       // Who closes the browser's window of hubs wants none.
       if (error.name !== "NotFoundError") this.on.note(`Bluetooth cannot be used here: ${error.message}`);

@@ -4,16 +4,18 @@ import { Chart } from "./chart.js";
 import { make } from "./bench.js";
 
 const TRIALS = 35; // of two and a half seconds each when it walks: a minute and a half of the robot's time
-const TITLES = { walk: "Teach it to walk", stop: "Teach it to stop at the wall", upright: "Teach it to keep upright" };
+const TITLES = { walk: "Teach it to walk", stop: "Teach it to stop at the wall", follow: "Teach it to follow the line", upright: "Teach it to keep upright" };
 const AIMS = {
   walk: "Each try takes two and a half seconds. What counts is how fast the robot gets ahead.",
   stop: "Each try takes four seconds. The robot should soon be 150 mm before the wall, and stay there: each moment there has 100 points, and fewer elsewhere.",
+  follow: "Each try takes four seconds. What counts is how fast the robot gets ahead while its sensor sees the edge of the line: half line, half floor.",
   upright: "Each try takes five seconds, or until the robot falls. Each moment upright has points, and more of them near where it began.",
 };
 
 const ON_HUB = {
   walk: "The real robot walks up to a wall, which it measures by its ultrasonic sensor: put it 1.3 m before one that is higher than itself. Now and then you put it back.",
   stop: "The real robot measures the wall by its ultrasonic sensor: put it 60 cm before one. It drives back by itself.",
+  follow: "Put the real robot with its color sensor on the left edge of a black line on a bright floor, along it. Where it loses the line, you put it back.",
 };
 
 export class Teach {
@@ -180,10 +182,14 @@ export class Teach {
   }
 
   // The robot is where no try can begin.
-  askForPlace({ distance_mm, wanted_mm }) {
+  askForPlace({ distance_mm, wanted_mm, reflection_pct }) {
+    this.find("place").hidden = false;
+    if (reflection_pct !== undefined) {
+      this.find("distance").textContent = `It sees no edge of a line, but ${reflection_pct} % of the light. Put it with its color sensor on the left edge of the line, along it.`;
+      return;
+    }
     const isBlind = distance_mm >= 1990, sees = isBlind ? "It sees no wall." : `It is ${(distance_mm / 1000).toFixed(2)} m before the wall.`;
     this.find("distance").textContent = `${sees} Put it ${(wanted_mm / 1000).toFixed(1)} m before one, facing it.`;
-    this.find("place").hidden = false;
   }
 
   outcome({ score, fell }) {

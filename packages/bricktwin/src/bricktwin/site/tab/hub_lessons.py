@@ -9,7 +9,14 @@ from brickhub.errors import DescriptionError
 from brickhub.hub.interface import Distance, Heading, Interface
 from brickhub.hub.trial_protocol import MOST_STEPS
 from brickhub.robot import Robot, UltrasonicSensor
-from bricktwin.site.tab.lessons import Lesson, Record, stop_before_wall, walk
+from bricktwin.site.tab.lessons import (
+    EDGE_PCT,
+    Lesson,
+    Record,
+    follow_line,
+    stop_before_wall,
+    walk,
+)
 
 _NO_ECHO_MM = 1990.0
 """Distance from which on the sensor has seen nothing."""
@@ -24,6 +31,8 @@ _TURNED_DEG = 35.0
 _STOP_WANTED_MM = 600.0
 _STOP_TOLERANCE_MM = 90.0
 _BACK_GAIN = 1.5
+_AT_EDGE_PCT = 25.0
+"""Difference from the edge at which a robot surely still sees it."""
 
 
 @dataclass(frozen=True)
@@ -49,6 +58,10 @@ class Place:
     way_back: tuple[float, ...] | None = None
     another_posture: tuple[float, ...] | None = None
 
+    def asked(self, observed: Sequence[float]) -> dict[str, float]:
+        """What a person is told who has to put the robot back."""
+        return {"distance_mm": round(observed[self.distance]), "wanted_mm": self.wanted_mm}
+
     def way_from(self, observed: Sequence[float]) -> tuple[tuple[float, ...], int] | None:
         """Numbers and steps by which the robot may get here by itself, if it can."""
         is_blind = observed[self.distance] >= _NO_ECHO_MM
@@ -67,12 +80,36 @@ class Place:
 
 
 @dataclass(frozen=True)
+class AtEdge:
+    """Where a trial may begin along a line: anywhere at its edge.
+
+    Attributes:
+        reflection: index of the channel.
+        heading: none that matters, as the edge tells the way.
+    """
+
+    reflection: int
+    heading: int | None = None
+
+    def asked(self, observed: Sequence[float]) -> dict[str, float]:
+        """What a person is told who has to put the robot back."""
+        return {"reflection_pct": round(observed[self.reflection])}
+
+    def way_from(self, observed: Sequence[float]) -> None:
+        """A robot that has lost the edge does not know where it is."""
+
+    def is_there(self, observed: Sequence[float], first_heading_deg: float | None) -> bool:
+        """Whether a robot that observes this is at the edge."""
+        return abs(observed[self.reflection] - EDGE_PCT) < _AT_EDGE_PCT
+
+
+@dataclass(frozen=True)
 class HubLesson:
     """A lesson, whose score needs no more than what the robot observes, and the place of its
     trials."""
 
     lesson: Lesson
-    place: Place
+    place: Place | AtEdge
 
 
 def walk_to_wall(robot: Robot) -> HubLesson:
@@ -140,6 +177,11 @@ def stop_at_wall(robot: Robot) -> HubLesson:
     return HubLesson(lesson, place)
 
 
+def follow_line_on_hub(robot: Robot) -> HubLesson:
+    """Follow the edge of a line. Raises DescriptionError as the lesson does."""
+    return HubLesson(follow_line(robot), AtEdge(reflection=0))
+
+
 def _eyes(robot: Robot, purpose: str) -> str:
     """Name of a robot's ultrasonic sensor."""
     for sensor in robot.sensors:
@@ -150,5 +192,9 @@ def _eyes(robot: Robot, purpose: str) -> str:
     )
 
 
-HUB_LESSONS: dict[str, Callable[[Robot], HubLesson]] = {"walk": walk_to_wall, "stop": stop_at_wall}
+HUB_LESSONS: dict[str, Callable[[Robot], HubLesson]] = {
+    "walk": walk_to_wall,
+    "stop": stop_at_wall,
+    "follow": follow_line_on_hub,
+}
 """Functions that make the lesson of a goal for a real robot."""

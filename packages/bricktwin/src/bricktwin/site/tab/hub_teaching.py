@@ -164,12 +164,7 @@ class HubTeaching:
         observed = self._link.read().values
         end_s = self._link.now_s() + _LONGEST_PAUSE_S
         while self._link.now_s() < end_s:
-            distance_mm = observed[self._place.distance]
-            self._recorder.tell(
-                "place",
-                distance_mm=round(distance_mm),
-                wanted_mm=self._place.wanted_mm,
-            )
+            self._recorder.tell("place", **self._place.asked(observed))
             self._recorder.post()
             self._transport.pause(_LOOK_S)
             # This keeps the program alive, too.

@@ -35,7 +35,7 @@ class OneThreadKit(VirtualKit):
         self.limit_s = None if limit_s is None else self.now_s() + limit_s
         self._world = _WorldLoop(self)
         try:
-            with _waiting_by(self._until):
+            with waiting_by(self._until):
                 return function()
         finally:
             self._world.close()
@@ -82,7 +82,7 @@ class _WorldLoop(asyncio.BaseEventLoop):
 
 
 @contextmanager
-def _waiting_by(wait: Callable[[Coroutine[Any, Any, Any]], Any]) -> Iterator[None]:
+def waiting_by(wait: Callable[[Coroutine[Any, Any, Any]], Any]) -> Iterator[None]:
     """Context in which Pyodide's ``run_sync`` is this function."""
     ffi: Any = sys.modules["pyodide.ffi"]
     before = ffi.run_sync

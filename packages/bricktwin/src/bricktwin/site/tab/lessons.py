@@ -11,7 +11,9 @@ from brickhub.hub.commands import drive_base
 from brickhub.hub.interface import (
     Channel,
     Distance,
+    DriveDistance,
     DriveSpeed,
+    DriveTurnRate,
     Interface,
     MotorAngle,
     Pitch,
@@ -19,6 +21,7 @@ from brickhub.hub.interface import (
     Roll,
     RunAngle,
     RunDuty,
+    SensorReading,
     Wait,
     WheelsAngle,
     WheelsSpeed,
@@ -26,6 +29,7 @@ from brickhub.hub.interface import (
 from brickhub.robot import Robot, UltrasonicSensor
 from brickhub.search.approach import approach
 from brickhub.search.bayesian_search import trial_score
+from brickhub.search.edge import edge_following
 from brickhub.search.oscillators import NO_LEGS, oscillators
 from brickhub.search.structure import HubStructure
 from brickhub.search.upright import upright
@@ -53,6 +57,16 @@ _UPRIGHT_STEPS = 250
 _UPRIGHT_STEP_MS = 20
 _FAR_DEG = 360.0
 """A turn of the wheels away, the points for being near are a third of all."""
+_LINE_STEPS = 80
+_LINE_STEP_MS = 50
+_LINE_MM_S = 250
+_LINE_TURN_DEG_S = 150
+EDGE_PCT = 38.0
+"""Reflection halfway between what a color sensor reads over black tape, 5, and over the floor, 71,
+of 8 and 82 % of the light."""
+_BARE_PCT = 31.0
+"""Difference from it at which the sensor sees only the line, or only the floor."""
+_FARTHEST_MM = 10_000
 
 
 @dataclass
@@ -231,10 +245,52 @@ def uprightness(record: Record) -> float:
     return math.fsum(points) / _UPRIGHT_STEPS if points else math.nan
 
 
+def follow_line(robot: Robot) -> Lesson:
+    """Follow the edge of a line, fast. Raises DescriptionError without a drive base, a sensor that
+    sees how bright the floor is, and a hub that runs programs."""
+    lights = []
+    for sensor in robot.sensors:
+        if "reflection" in sensor.kind.model.readings:
+            lights.append(sensor.name)
+    if not (lights and robot.hub.model.runs_programs):
+        raise DescriptionError(
+            f"robot '{robot.name}' follows no line by itself; give it a hub and a color sensor"
+        )
+    drive_base(robot, "follow a line")
+    light = SensorReading(lights[0], "reflection", 0, 100, "%")
+    interface = Interface(
+        (DriveSpeed(0, _LINE_MM_S), DriveTurnRate(-_LINE_TURN_DEG_S, _LINE_TURN_DEG_S)),
+        (light, DriveDistance(0, _FARTHEST_MM)),
+        Wait(_LINE_STEP_MS),
+    )
+    return Lesson(
+        goal="follow",
+        interface=interface,
+        structure=edge_following(interface, EDGE_PCT),
+        labels=("its speed", "its turn for each percent"),
+        steps=_LINE_STEPS,
+        score=speed_at_edge,
+        unit="mm/s",
+    )
+
+
+def speed_at_edge(record: Record) -> float:
+    """Speed of a robot, mm/s: each way counts as far as its sensor was near the edge after it, from
+    all of it there to nothing of it where it sees only the line, or only the floor."""
+    way_mm = 0.0
+    for before, after in zip(record.observed, record.observed[1:], strict=False):
+        reflection_pct, distance_mm = after
+        near = max(0.0, 1.0 - abs(reflection_pct - EDGE_PCT) / _BARE_PCT)
+        way_mm += near * (distance_mm - before[1])
+    steps = len(record.observed) - 1
+    return way_mm * 1000 / (_LINE_STEP_MS * steps) if steps > 0 else math.nan
+
+
 LESSONS: dict[str, Callable[[Robot], Lesson]] = {
     "walk": walk,
     "stop": stop_before_wall,
     "upright": keep_upright,
+    "follow": follow_line,
 }
 """Functions that make the lesson of a goal for a robot."""
 
@@ -257,7 +313,12 @@ def lesson_for(
     return None
 
 
-_DRIVING = {"wall": "stop"}
+_DRIVING = {
+    "wall": "stop",
+    "line-simple": "follow",
+    "line-sharp": "follow",
+    "line-gaps": "follow",
+}
 """Goals of robots that drive, by the world."""
 
 

@@ -3,6 +3,7 @@
 import io
 import json
 import shutil
+import signal
 from collections.abc import Mapping
 from contextlib import closing, redirect_stdout, suppress
 from pathlib import Path
@@ -27,17 +28,25 @@ REFUSED_EXIT_CODE = 2
 STOPPED_EXIT_CODE = 130
 
 
+def heed_stops_in_runs_only() -> None:
+    """Let the page's interrupt end nothing but a program that runs.
+
+    One that comes late, as the program has ended by itself meanwhile, would end the tab's Python.
+    """
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
 class ProgramOutput:
     """A stream of the program, of which the page is told as it comes."""
 
     def __init__(self, recorder: Recorder, kind: str) -> None:
-        self._recorder = recorder
+        self.recorder = recorder
         self._kind = kind
 
     def write(self, data: bytes | str, /) -> int:
         # Bytes of any kind, one character each: what is no text stays what it is.
         text = data if isinstance(data, str) else data.decode("latin-1")
-        self._recorder.tell(self._kind, text=text)
+        self.recorder.tell(self._kind, text=text)
         return len(data)
 
     def flush(self) -> None:
@@ -108,7 +117,7 @@ def run_in_tab(
             time_limit_s = request.get("time_limit_s")
             operation = Operation(attend=attend)
             if is_for_kits(request["files"].get(request["name"], "")):
-                with redirect_stdout(_Text(output)):
+                with redirect_stdout(TextOutput(output)):
                     code = _run_kit(path, body, errors, time_limit_s, operation)
             else:
                 code = run_file(
@@ -138,7 +147,7 @@ def is_for_kits(source: str) -> bool:
     return imports(HubProgram(source, 0), LEGO_PACKAGE)
 
 
-class _Text(io.TextIOBase):
+class TextOutput(io.TextIOBase):
     """Standard output of a program that runs in this very Python."""
 
     def __init__(self, output: BinaryIO) -> None:

@@ -15,6 +15,7 @@ from brickhub.virtual.pybricks import modules
 from bricktwin.site.tab.lessons import Lesson, Record
 from bricktwin.site.tab.robot_file import Draws
 from bricktwin.twin.body import NoiseSources, TwinBody
+from bricktwin.twin.settling import halt
 
 NAME = "taught.py"
 _SEED = 0
@@ -47,6 +48,9 @@ def at_start(body: TwinBody) -> TwinBody:
     engine = body.engine
     for place, value in enumerate(engine.nominal("qpos0")):
         engine.qpos[place] = value
+    # Else it would begin with the turn of the last trial, into which it settles.
+    halt(engine)
+    engine.forget()
     fresh = TwinBody(
         body.robot,
         body.scene,

@@ -33,6 +33,7 @@ const page = {
 // Bluetooth is the page's: what Python asks of it, see tab/web_port.py.
 const hubPage = {
   ask: (number, operation, characteristic, data) => say("ask", { number, operation, characteristic, data }),
+  ask_kit: (number, operation, device, characteristic, data) => say("ask", { number, operation, device, characteristic, data }),
   take: () => hubMailbox.take(),
   wait: (longest_ms) => hubMailbox.wait(longest_ms),
 };
@@ -59,7 +60,9 @@ async function start({ memory, hubMemory, interrupt, needsPhysics }) {
   python.unpackArchive(houses, "zip", { extractDir: HOUSES });
   python.runPython(`import sys; sys.path.insert(0, "${HOUSES}")`);
   python.pyimport("bricktwin.site.tab.mpy_cross").put_in_place((name, source, options) => python.toPy(compile(MpyCross, compiler, name, source, options.toJs())));
-  runInTab = python.pyimport("bricktwin.site.tab.run").run_in_tab;
+  const run = python.pyimport("bricktwin.site.tab.run");
+  run.heed_stops_in_runs_only();
+  runInTab = run.run_in_tab;
   bodyInTab = python.pyimport("bricktwin.site.tab.robot_file").body_in_tab;
   readJson = python.pyimport("json").loads;
   say("ready");
@@ -104,6 +107,12 @@ async function fetchKits(source) {
   hasKits = true;
 }
 
+// A program for LEGO's kits, on real devices.
+async function runOnKit(request) {
+  await fetchKits(request.files[request.name]);
+  say("ended", { code: python.pyimport("bricktwin.site.tab.real_kit").run_on_kit(JSON.stringify(request), hubPage, page) });
+}
+
 async function obeyHub({ robot, ...request }) {
   const file = request.hub === "teach" ? (await (await fetchPacked(new URL(robot, import.meta.url).href)).json()).robot : null;
   realHub ??= python.pyimport("bricktwin.site.tab.real_hub").RealHub(hubPage, page);
@@ -118,7 +127,7 @@ async function loadMujoco() {
 onmessage = async ({ data }) => {
   try {
     if (data.kind === "start") await start(data);
-    if (data.kind === "run") await (data.request.hub ? obeyHub(data.request) : run(data.request));
+    if (data.kind === "run") await (data.request.hub === "kit" ? runOnKit : data.request.hub ? obeyHub : run)(data.request);
     if (data.kind === "attend") realHub?.attend();
   } catch (error) {
     // Python itself has given up, or a file is missing: this worker is of no use any more.
