@@ -113,7 +113,7 @@ def test_invalid_teams_are_one_line(tmp_path: Path, capsys: pytest.CaptureFixtur
     )
     assert (
         run(["team"]) == 2
-        and "name an arena to train in (Tag-v0, Carry-v0)" in capsys.readouterr().err
+        and "name an arena to train in (Tag-v0, Carry-v0, Guide-v0)" in capsys.readouterr().err
     )
     assert (
         run(["team", "--play", str(tmp_path)]) == 2

@@ -184,10 +184,11 @@ class GroupedEnv(BricksEnv, EnvBase):  # type: ignore[misc]
         robot ``[*batch, robots, n]``."""
         dtype = torch.bool if len(shape) == 1 else torch.float32
         shape = (*self.batch_size, *shape)
-        given = f"{value!r:.40}"
-        if isinstance(value, Tensor):
-            if value.shape == shape and value.dtype == dtype:
-                return value
+        if not isinstance(value, Tensor):
+            given = f"{value!r:.40}"
+        elif value.shape == shape and value.dtype == dtype:
+            return value
+        else:
             given = f"of shape {list(value.shape)} and {value.dtype}"
         raise DescriptionError(
             f"{name} of {self.task.id} is {given}; compute a tensor of shape {list(shape)} "
