@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 __all__ = ["ARENAS", "get_arena_task", "make_arena"]
 
-ARENAS = {"Tag-v0": "tag:TAG", "Carry-v0": "carry:CARRY", "Guide-v0": "guide:LIT_PAD"}
+ARENAS = {"Tag-v0": "tag:TAG", "Carry-v0": "carry:CARRY", "Guide-v0": "guide:GATE"}
 """Module and object of each task."""
 
 

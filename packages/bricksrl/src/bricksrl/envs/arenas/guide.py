@@ -1,10 +1,11 @@
-"""A guide tells a driver, from hub to hub, which of four pads is lit; the driver drives there.
+"""A guide tells a driver, from hub to hub, where the gate of a line is; the driver drives through.
 
-The driver, a 2Wheeler, starts in the middle of a floor of 1.6 by 1.6 m, with a pad in each corner,
-and does not see which one is lit. The guide, at the wall, sees it, and hardly moves. Each robot
-tells the other two numbers in each step, which go through the hubs: what they mean is learned.
-Without them the driver can only guess, and is right once in four times. The robots' positions and
-the lit pad come from the simulation, in place of a camera overhead.
+The driver, a 2Wheeler, starts at one side of a floor of 1.6 by 1.6 m. Across the other side goes a
+line with a gate of 0.24 m, anywhere within one metre, which the driver does not see. The guide, in
+a corner, sees it, and hardly moves. Each robot tells the other two numbers in each step, which go
+through the hubs: what they mean is learned. Without them the driver can only guess, and is right
+once in four times. The robots' positions and the gate come from the simulation, in place of a
+camera overhead.
 
 ## Action (of each robot)
 
@@ -16,27 +17,28 @@ the lit pad come from the simulation, in place of a camera overhead.
 
 ## Observation (of each robot)
 
-| Num | Observation       | Min  | Max | Unit                                              |
-|-----|-------------------|------|-----|---------------------------------------------------|
-| 0-1 | x, y              | -0.8 | 0.8 | m                                                 |
-| 2-3 | heading_cos, _sin | -1   | 1   | 1                                                 |
-| 4-5 | lit_x, lit_y      | -1   | 1   | side of the lit pad along x and y; the driver's: 0 |
-| 6-7 | heard_1, heard_2  | -1   | 1   | what the other one told; 0 if not heard for 1 s   |
-| 8-9 | left_moved, right_moved | -2 | 2 | share of the widest command                     |
+| Num | Observation       | Min  | Max | Unit                                               |
+|-----|-------------------|------|-----|----------------------------------------------------|
+| 0-1 | x, y              | -0.8 | 0.8 | m                                                  |
+| 2-3 | heading_cos, _sin | -1   | 1   | 1                                                  |
+| 4   | sees              | 0    | 1   | 1: the guide's                                     |
+| 5   | gate              | -0.5 | 0.5 | m, the gate's middle along y; the driver's is 0    |
+| 6-7 | heard_1, heard_2  | -1   | 1   | what the other one told; 0 if not heard for 1 s    |
+| 8-9 | left_moved, right_moved | -2 | 2 | share of the widest command                      |
 
 ## Reward
 
-Both get ten times the metres by which the driver came nearer to the lit pad, 5 when it reaches it,
-and -5 when it reaches another one.
+Both get ten times the metres by which the driver came nearer to the gate, and 5 when it drives
+through it.
 
 ## End of an episode
 
 | End        | When                                               |
 |------------|----------------------------------------------------|
-| terminated | the driver is within 0.2 m of a pad                |
-| truncated  | after 50 steps, or when the link to a robot breaks |
+| terminated | the middle of the driver's axle crosses the line   |
+| truncated  | after 40 steps, or when the link to a robot breaks |
 
-An episode succeeds when the driver reaches the lit pad.
+An episode succeeds when the driver crosses the line in the gate.
 """
 
 import torch
@@ -49,9 +51,11 @@ from bricktwin.robots import TWO_WHEELER
 from bricktwin.twin.arena import Arena, Contestant, Place
 
 HALF_M = 0.8
-PAD_M = 0.5
-"""Distance of the pads from the middle, along x and y."""
-REACHED_M = 0.2
+LINE_M = 0.4
+"""Position of the line along x."""
+FARTHEST_GATE_M = 0.5
+"""Largest distance of the gate's middle from that of the line."""
+HALF_GATE_M = 0.12
 GUIDE = 0
 DRIVER = 1
 STEP_MS = 250
@@ -59,15 +63,15 @@ _GUIDE_TRAVEL_DEG = 5.0
 _DRIVER_TRAVEL_DEG = 150.0
 _SPEED_DEG_S = 900
 _REWARD_PER_M = 10.0
-_PAD_REWARD = 5.0
+_GATE_REWARD = 5.0
 
 ENTRIES = (
     Entry("x", -HALF_M, HALF_M, "m"),
     Entry("y", -HALF_M, HALF_M, "m"),
     Entry("heading_cos", -1.0, 1.0),
     Entry("heading_sin", -1.0, 1.0),
-    Entry("lit_x", -1.0, 1.0),
-    Entry("lit_y", -1.0, 1.0),
+    Entry("sees", 0.0, 1.0),
+    Entry("gate", -FARTHEST_GATE_M, FARTHEST_GATE_M, "m"),
     Entry("heard_1", -1.0, 1.0),
     Entry("heard_2", -1.0, 1.0),
     Entry("left_moved", -2.0, 2.0),
@@ -75,20 +79,16 @@ ENTRIES = (
 )
 
 
-def lit_side(state: ArenaState) -> Tensor:
-    """Side of the lit pad along x and y, each -1 or 1; ``[*batch, 2]``."""
-    return torch.where(state.drawn < 0.0, -1.0, 1.0)
-
-
 def observe(state: ArenaState) -> Tensor:
     """Observations of guide and driver, ``[*batch, 2, 10]``."""
-    lit = lit_side(state)
-    seen = {GUIDE: lit, DRIVER: torch.zeros_like(lit)}
+    gate = state.drawn
     views = []
-    for robot, lit_seen in seen.items():
+    for robot in (GUIDE, DRIVER):
+        sees = torch.full_like(gate, float(robot == GUIDE))
         parts = (
             own_pose(state.poses, robot),
-            lit_seen,
+            sees,
+            sees * gate,
             state.heard[..., robot, :],
             state.moved[..., robot, :],
         )
@@ -96,53 +96,49 @@ def observe(state: ArenaState) -> Tensor:
     return torch.stack(views, -2)
 
 
-def lit_distance_m(state: ArenaState) -> Tensor:
-    """Distance of the driver from the lit pad, ``[*batch, 1]``."""
-    apart = state.poses[..., DRIVER, :2] - PAD_M * lit_side(state)
+def gate_distance_m(state: ArenaState) -> Tensor:
+    """Distance of the driver from the middle of the gate, ``[*batch, 1]``."""
+    gate = torch.cat((torch.full_like(state.drawn, LINE_M), state.drawn), -1)
+    apart = state.poses[..., DRIVER, :2] - gate
     length_m: Tensor = apart.norm(dim=-1, keepdim=True)
     return length_m
 
 
-def reached(state: ArenaState) -> Tensor:
-    """True if the driver has reached a pad; bool ``[*batch, 1]``."""
-    # The nearest pad is that of the driver's own corner.
-    apart = state.poses[..., DRIVER, :2].abs() - PAD_M
-    near: Tensor = apart.norm(dim=-1, keepdim=True) <= REACHED_M
-    return near
+def crossed(state: ArenaState) -> Tensor:
+    """True if the driver has crossed the line; bool ``[*batch, 1]``."""
+    return state.poses[..., DRIVER, :1] >= LINE_M
 
 
-def reached_lit(state: ArenaState) -> Tensor:
-    """True if the driver has reached the lit pad; bool ``[*batch, 1]``."""
-    return lit_distance_m(state) <= REACHED_M
+def crossed_in_gate(state: ArenaState) -> Tensor:
+    """True if the driver has crossed the line in the gate; bool ``[*batch, 1]``."""
+    is_in_gate = (state.poses[..., DRIVER, 1:2] - state.drawn).abs() <= HALF_GATE_M
+    return crossed(state) & is_in_gate
 
 
 def reward(before: ArenaState, after: ArenaState) -> Tensor:
     """The same reward for both, ``[*batch, 2, 1]``."""
-    nearer_m = lit_distance_m(before) - lit_distance_m(after)
-    is_right = reached_lit(after)
-    is_wrong = reached(after) & ~is_right
-    gain = _REWARD_PER_M * nearer_m + _PAD_REWARD * (is_right.float() - is_wrong.float())
+    nearer_m = gate_distance_m(before) - gate_distance_m(after)
+    gain = _REWARD_PER_M * nearer_m + _GATE_REWARD * crossed_in_gate(after)
     return torch.stack((gain, gain), -2)
 
 
 def follow(observation: Tensor) -> Tensor:
-    """The script of both, ``[*batch, 10]`` to ``[*batch, 4]``: who sees the lit pad stays and tells
-    its side, and who does not drives to the side of which it has heard."""
+    """The script of both, ``[*batch, 10]`` to ``[*batch, 4]``: who sees the gate stays and tells
+    where it is, and who does not drives to where it has heard that it is."""
     x = observation[..., 0]
     y = observation[..., 1]
     cos = observation[..., 2]
     sin = observation[..., 3]
-    lit = observation[..., 4:6]
-    heard = observation[..., 6:8]
-    # Rounding turns small numbers, such as those of silence, into 0.
-    side = heard.round().sign()
-    dx = PAD_M * side[..., 0] - x
-    dy = PAD_M * side[..., 1] - y
+    sees = observation[..., 4:5]
+    # The first number says where the gate is, the second one that it was told.
+    told = torch.cat((observation[..., 5:6] / FARTHEST_GATE_M, torch.ones_like(sees)), -1)
+    gate = observation[..., 6] * FARTHEST_GATE_M
+    is_heard = observation[..., 7:8] > 0.5
+    # It aims beyond the line, so that it does not turn just before it.
+    dx = LINE_M + 0.1 - x
+    dy = gate - y
     wheels = steer_towards(dx * cos + dy * sin, dy * cos - dx * sin)
-    knows_where = side.abs().sum(-1, keepdim=True) > 0.0
-    sees_pad = lit.abs().sum(-1, keepdim=True) > 0.0
-    drives = knows_where & ~sees_pad
-    return torch.cat((wheels * drives, lit), -1)
+    return torch.cat((wheels * is_heard * (1.0 - sees), told * sees), -1)
 
 
 def _robot(
@@ -163,28 +159,28 @@ def _interface(travel_deg: float) -> Interface:
     )
 
 
-_AT_THE_WALL = Place((-0.68, -0.66), (-0.02, 0.02), (-5.0, 5.0))
-_MIDDLE = Place((-0.1, 0.1), (-0.1, 0.1), (-180.0, 180.0))
+_CORNER = Place((-0.66, -0.64), (-0.66, -0.64), (-5.0, 5.0))
+_START = Place((-0.5, -0.4), (-0.1, 0.1), (-30.0, 30.0))
 
-LIT_PAD = ArenaTask(
+GATE = ArenaTask(
     id="Guide-v0",
     doc=__doc__,
     arena=Arena(
         robots=(
-            _robot("guide", _AT_THE_WALL, (0.95, 0.75, 0.1)),
-            _robot("driver", _MIDDLE, (0.1, 0.3, 0.85)),
+            _robot("guide", _CORNER, (0.95, 0.75, 0.1)),
+            _robot("driver", _START, (0.1, 0.3, 0.85)),
         ),
         half_size_m=(HALF_M, HALF_M),
     ),
     interfaces=(_interface(_GUIDE_TRAVEL_DEG), _interface(_DRIVER_TRAVEL_DEG)),
     groups={"agents": ("guide", "driver")},
-    max_steps=50,
+    max_steps=40,
     entries=ENTRIES,
     observe=observe,
     reward=reward,
-    terminated=reached,
-    success=reached_lit,
+    terminated=crossed,
+    success=crossed_in_gate,
     scripts={"follow": follow},
     told=2,
-    drawn=((-1.0, 1.0), (-1.0, 1.0)),
+    drawn=((-FARTHEST_GATE_M, FARTHEST_GATE_M),),
 )
