@@ -129,7 +129,9 @@ def test_exchanges_that_do_not_work_are_refused(
 
 def test_a_hub_without_bluetooth_low_energy_is_refused() -> None:
     exchange = Exchange(0, (1,), 1)
-    robot = replace(TWO_WHEELER, hub=HubKind.EV3, motors=(), drive_base=None, sensors=(), needs_imu=False)
+    robot = replace(
+        TWO_WHEELER, hub=HubKind.EV3, motors=(), drive_base=None, sensors=(), needs_imu=False
+    )
     for numbers in (exchange.commands, exchange.channels):
         with pytest.raises(DescriptionError, match="a ev3 hub tells other hubs nothing"):
             numbers[0].check(robot)

@@ -98,6 +98,7 @@ def test_options_make_the_configuration() -> None:
     assert (carry.agents, carry.copies, carry.frames) == ({"agents": "sac"}, 0, 10_000), (
         "the beam has no simulation"
     )
+    assert [TrainTeam(deaf=deaf).config("Guide-v0").deaf for deaf in (False, True)] == [False, True]
 
 
 def test_invalid_teams_are_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

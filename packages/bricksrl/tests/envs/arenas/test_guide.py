@@ -12,7 +12,7 @@ from brickhub.hub.messages import HeardNumber, TellNumber
 from brickhub.virtual.air import INTERVAL_MS
 from bricksrl.envs.arenas import get_arena_task, make_arena
 from bricksrl.envs.arenas.arena_task import ArenaState
-from bricksrl.envs.arenas.guide import DRIVER, GUIDE, LIT_PAD, PAD_M, observe
+from bricksrl.envs.arenas.guide import DRIVER, GATE, GUIDE, HALF_GATE_M, LINE_M, observe
 from bricksrl.envs.arenas.simulated_air import SimulatedAir
 from bricksrl.errors import DescriptionError
 
@@ -55,27 +55,29 @@ def test_what_robots_tell_goes_from_hub_to_hub() -> None:
     env.close()
 
 
-def test_driver_does_not_see_the_lit_pad() -> None:
+def test_driver_does_not_see_the_gate() -> None:
     poses = torch.tensor([[-0.7, 0.0, 0.0], [0.1, 0.0, 1.0]]).expand(4, 2, 3)
-    drawn = torch.tensor([[-0.3, -0.3], [-0.3, 0.3], [0.3, -0.3], [0.3, 0.3]])
+    drawn = torch.tensor([[-0.5], [-0.2], [0.1], [0.4]])
     state = ArenaState(poses, torch.zeros(4, 2, 2), torch.zeros(4, 2, 2), drawn)
     seen = observe(state)
-    assert torch.equal(seen[:, GUIDE, 4:6], drawn.sign())
+    assert torch.equal(seen[:, GUIDE, 5:6], drawn)
     assert bool((seen[:, DRIVER] == seen[0, DRIVER]).all())
 
 
-def test_only_the_lit_pad_is_a_success() -> None:
+def test_only_the_gate_is_a_success() -> None:
     poses = torch.zeros(3, 2, 3)
-    poses[0, DRIVER, :2] = torch.tensor([PAD_M, PAD_M])
-    poses[1, DRIVER, :2] = torch.tensor([-PAD_M, PAD_M])
-    state = ArenaState(poses, torch.zeros(3, 2, 2), torch.zeros(3, 2, 2), torch.ones(3, 2))
+    poses[0, DRIVER, :2] = torch.tensor([LINE_M, 0.9 * HALF_GATE_M])
+    poses[1, DRIVER, :2] = torch.tensor([LINE_M, 1.1 * HALF_GATE_M])
+    state = ArenaState(poses, torch.zeros(3, 2, 2), torch.zeros(3, 2, 2), torch.zeros(3, 1))
     before = replace(state, poses=torch.zeros(3, 2, 3))
-    assert LIT_PAD.terminated(state).flatten().tolist() == [True, True, False]
-    assert LIT_PAD.success(state).flatten().tolist() == [True, False, False]
-    rewards = LIT_PAD.reward(before, state)
+    assert GATE.terminated(state).flatten().tolist() == [True, True, False]
+    assert GATE.success(state).flatten().tolist() == [True, False, False]
+    rewards = GATE.reward(before, state)
     assert torch.equal(rewards[:, GUIDE], rewards[:, DRIVER])
-    assert rewards[0, DRIVER].item() == pytest.approx(5.0 + 10.0 * PAD_M * 2**0.5)
-    assert rewards[1, DRIVER].item() < -5.0 and rewards[2, DRIVER].item() == 0.0
+    nearer_m = LINE_M - torch.tensor([0.9, 1.1, 0.0]) * HALF_GATE_M
+    nearer_m[2] = 0.0
+    wanted = 10.0 * nearer_m + torch.tensor([5.0, 0.0, 0.0])
+    assert torch.allclose(rewards[:, DRIVER, 0], wanted)
 
 
 def test_script_needs_what_the_other_robot_tells() -> None:
@@ -85,7 +87,7 @@ def test_script_needs_what_the_other_robot_tells() -> None:
         state = env.reset()
         succeeded = torch.zeros(32, 1, dtype=torch.bool)
         for _ in range(25):
-            state["agents", "action"] = LIT_PAD.scripts["follow"](state["agents", "observation"])
+            state["agents", "action"] = GATE.scripts["follow"](state["agents", "observation"])
             frame = env.step(state)
             succeeded |= frame["next", "success"]
             state = env.step_mdp(frame)
@@ -117,24 +119,25 @@ def test_each_robot_hears_all_others() -> None:
 
 def test_a_task_declares_how_much_its_robots_tell() -> None:
     for told_numbers in (0, 1, 3):
-        task = replace(LIT_PAD, told=told_numbers)
+        task = replace(GATE, told=told_numbers)
         assert task.action_size == 2 + told_numbers and task.heard_size == told_numbers
         for interface in task.interfaces:
             kinds = [type(number) for number in (*interface.commands, *interface.channels)]
             assert kinds.count(TellNumber) == kinds.count(HeardNumber) == told_numbers
     with pytest.raises(DescriptionError, match="told is 7; give a whole number from 0 to 6"):
-        replace(LIT_PAD, told=7)
+        replace(GATE, told=7)
     with pytest.raises(DescriptionError, match="robots of Tag-v0 tell one another nothing; omit"):
         make_arena("Tag-v0", deaf=True)
 
 
 @pytest.mark.parametrize("copies", [0, 4])
-def test_lit_pad_is_drawn_anew_in_each_episode(copies: int) -> None:
+def test_gate_is_drawn_anew_in_each_episode(copies: int) -> None:
     task = get_arena_task("Guide-v0")
-    sides = set()
+    gates = []
     env = make_arena(task, seed=5, batch_size=copies)
-    for _ in range(8):
+    for _ in range(4):
         seen = env.reset()["agents", "observation"].reshape(-1, 2, 10)
-        sides |= {tuple(side) for side in seen[:, GUIDE, 4:6].tolist()}
+        gates += seen[:, GUIDE, 5].tolist()
     env.close()
-    assert len(sides) >= 3 and all(abs(x) == abs(y) == 1.0 for x, y in sides)
+    assert len(set(gates)) == len(gates) and all(-0.5 <= gate <= 0.5 for gate in gates)
+    assert max(gates) - min(gates) > 0.1

@@ -21,7 +21,6 @@ from brickhub.hub.protocol import MAX_ACTIONS
 from bricksrl.errors import DescriptionError, hint
 from bricktwin.twin.arena import Arena
 
-
 WHEELS = 2
 
 
@@ -135,7 +134,10 @@ class ArenaTask:
     def script(self, name: str) -> Callable[[Tensor], Tensor]:
         """The hand-written policy of a name, or ``random``. Raises DescriptionError if there is
         none."""
-        known = {"random": functools.partial(_random, size=self.action_size), **self.scripts}
+        known: dict[str, Callable[[Tensor], Tensor]] = {
+            "random": functools.partial(_random, size=self.action_size),
+            **self.scripts,
+        }
         if name not in known:
             raise DescriptionError(
                 f"task {self.id}: there is no script '{name}'; choose {', '.join(known)}"

@@ -98,8 +98,10 @@ def observe(state: ArenaState) -> Tensor:
 
 def gate_distance_m(state: ArenaState) -> Tensor:
     """Distance of the driver from the middle of the gate, ``[*batch, 1]``."""
-    gate = torch.cat((torch.full_like(state.drawn, LINE_M), state.drawn), -1)
-    apart = state.poses[..., DRIVER, :2] - gate
+    line = torch.full_like(state.drawn, LINE_M)
+    gate = torch.cat((line, state.drawn), -1)
+    driver = state.poses[..., DRIVER, :2]
+    apart = driver - gate
     length_m: Tensor = apart.norm(dim=-1, keepdim=True)
     return length_m
 
@@ -111,7 +113,8 @@ def crossed(state: ArenaState) -> Tensor:
 
 def crossed_in_gate(state: ArenaState) -> Tensor:
     """True if the driver has crossed the line in the gate; bool ``[*batch, 1]``."""
-    is_in_gate = (state.poses[..., DRIVER, 1:2] - state.drawn).abs() <= HALF_GATE_M
+    aside_m = state.poses[..., DRIVER, 1:2] - state.drawn
+    is_in_gate = aside_m.abs() <= HALF_GATE_M
     return crossed(state) & is_in_gate
 
 
@@ -131,14 +134,18 @@ def follow(observation: Tensor) -> Tensor:
     sin = observation[..., 3]
     sees = observation[..., 4:5]
     # The first number says where the gate is, the second one that it was told.
-    told = torch.cat((observation[..., 5:6] / FARTHEST_GATE_M, torch.ones_like(sees)), -1)
+    share = observation[..., 5:6] / FARTHEST_GATE_M
+    told = torch.cat((share, torch.ones_like(share)), -1)
     gate = observation[..., 6] * FARTHEST_GATE_M
     is_heard = observation[..., 7:8] > 0.5
     # It aims beyond the line, so that it does not turn just before it.
     dx = LINE_M + 0.1 - x
     dy = gate - y
-    wheels = steer_towards(dx * cos + dy * sin, dy * cos - dx * sin)
-    return torch.cat((wheels * is_heard * (1.0 - sees), told * sees), -1)
+    ahead = dx * cos + dy * sin
+    left = dy * cos - dx * sin
+    wheels = steer_towards(ahead, left)
+    drives = is_heard * (1.0 - sees)
+    return torch.cat((wheels * drives, told * sees), -1)
 
 
 def _robot(

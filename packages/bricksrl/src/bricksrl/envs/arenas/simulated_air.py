@@ -6,6 +6,8 @@ the virtual hubs: its intervals, its losses, and for how long a message counts.
 
 from __future__ import annotations
 
+from typing import Any
+
 import torch
 from torch import Tensor
 
@@ -37,56 +39,98 @@ class SimulatedAir:
         step_ms: int,
         seed: int,
     ) -> None:
-        self._robots = range(robots)
-        self._told = told
-        self._step_ms = step_ms
-        self._time_ms = [0] * copies
-        self._antennas = []
-        self._airs = []
+        self._copies = []
         for copy in range(copies):
-            antennas = [Antenna() for _ in self._robots]
-            for robot, antenna in enumerate(antennas):
-                antenna.observe([other for other in self._robots if other != robot])
-            air_seed = derive_seed(seed, "air", copy)
-            self._antennas.append(antennas)
-            self._airs.append(Air(antennas, lambda _one, _other: DISTANCE_M, air_seed))
+            self._copies.append(
+                _Copy(
+                    robots=robots,
+                    told=told,
+                    step_ms=step_ms,
+                    seed=derive_seed(seed, "air", copy),
+                )
+            )
+        self._zeros = [[0] * told for _ in range(robots)]
 
     def step(self, numbers: Tensor) -> Tensor:
         """What each robot has heard at the end of a step, ``[copies, robots, others * told]``, of
         the numbers in -1..1 that they told at its beginning, ``[copies, robots, told]``."""
-        hundredths = (numbers.clamp(-1.0, 1.0) * HUNDREDTHS).round().int().tolist()
-        heard = [self._heard(copy, told) for copy, told in enumerate(hundredths)]
-        return torch.tensor(heard, dtype=torch.float32, device=numbers.device) / HUNDREDTHS
+        clamped = numbers.clamp(-1.0, 1.0)
+        hundredths = (clamped * HUNDREDTHS).round().int().tolist()
+        heard = []
+        for copy, told in zip(self._copies, hundredths, strict=True):
+            heard.append(copy.step(told))
+        return _numbers(heard, numbers.device)
 
     def restart(self, is_reset: Tensor) -> Tensor:
         """What each robot has heard at the start of an episode of some copies, bool ``[copies]``:
         they were placed, and have told zeros for a step; ``[reset copies, robots, others *
         told]``."""
-        zeros = [[0] * self._told for _ in self._robots]
         heard = []
-        for copy in is_reset.nonzero().flatten().tolist():
-            self._time_ms[copy] += PLACEMENT_MS
-            heard.append(self._heard(copy, zeros))
-        return torch.tensor(heard, dtype=torch.float32, device=is_reset.device) / HUNDREDTHS
+        for number in is_reset.nonzero().flatten().tolist():
+            copy = self._copies[number]
+            copy.time_ms += PLACEMENT_MS
+            heard.append(copy.step(self._zeros))
+        return _numbers(heard, is_reset.device)
 
-    def _heard(self, copy: int, told: list[list[int]]) -> list[list[int]]:
-        """What each robot of a copy has heard at the end of a step, ``[robots][others * told]``."""
-        antennas = self._antennas[copy]
-        begin_ms = self._time_ms[copy] + EXCHANGE_MS
+
+class _Copy:
+    """Antennas of the robots of one copy, and the air between them."""
+
+    def __init__(
+        self,
+        robots: int,
+        told: int,
+        step_ms: int,
+        seed: int,
+    ) -> None:
+        self.time_ms = 0
+        self._step_ms = step_ms
+        self._nothing = (0,) * told
+        self._antennas = []
+        self._others = []
+        for robot in range(robots):
+            others = [other for other in range(robots) if other != robot]
+            antenna = Antenna()
+            antenna.observe(others)
+            self._antennas.append(antenna)
+            self._others.append(others)
+        self._air = Air(
+            self._antennas,
+            lambda _one, _other: DISTANCE_M,
+            seed,
+        )
+
+    def step(self, told: list[list[int]]) -> list[list[int]]:
+        """What each robot has heard at the end of a step, ``[robots][others * told]``, of what they
+        told at its beginning."""
+        begin_ms = self.time_ms + EXCHANGE_MS
         end_ms = begin_ms + self._step_ms
-        self._time_ms[copy] = end_ms
+        self.time_ms = end_ms
         # What was told in the step before is in the air until this one begins.
-        self._airs[copy].carry(begin_ms)
-        for robot, antenna in enumerate(antennas):
+        self._air.carry(begin_ms)
+        for robot, antenna in enumerate(self._antennas):
             antenna.broadcast(begin_ms, robot, tuple(told[robot]))
-        self._airs[copy].carry(end_ms)
-        nothing = (0,) * self._told
-        heard = []
-        for robot, antenna in enumerate(antennas):
-            numbers: list[int] = []
-            for other in self._robots:
-                if other != robot:
-                    message, _ = antenna.observed(end_ms, other)
-                    numbers += message if isinstance(message, tuple) else nothing
-            heard.append(numbers)
-        return heard
+        self._air.carry(end_ms)
+        return [self._heard(robot) for robot in range(len(told))]
+
+    def _heard(self, robot: int) -> list[int]:
+        """What a robot has heard of all others."""
+        antenna = self._antennas[robot]
+        numbers: list[Any] = []
+        for other in self._others[robot]:
+            message, _ = antenna.observed(self.time_ms, other)
+            if isinstance(message, tuple):
+                numbers += message
+            else:
+                numbers += self._nothing
+        return numbers
+
+
+def _numbers(hundredths: list[list[list[int]]], device: torch.device) -> Tensor:
+    """Numbers in -1..1 of hundredths."""
+    heard = torch.tensor(
+        hundredths,
+        dtype=torch.float32,
+        device=device,
+    )
+    return heard / HUNDREDTHS
