@@ -19,7 +19,7 @@ def watching(task: Task, button: str) -> Task:
         raise DescriptionError(
             f"the robot of {task.id} runs a program of your own, which answers no button; omit it"
         )
-    channel = WatchedButton(button)
+    channel: WatchedButton | WatchedRemoteButton = WatchedButton(button)
     if button.startswith(_OF_REMOTE):
         channel = WatchedRemoteButton(button.removeprefix(_OF_REMOTE))
     channel.check(task.robot)
