@@ -150,6 +150,7 @@ def test_invalid_teams_are_one_line(tmp_path: Path, capsys: pytest.CaptureFixtur
     assert run(["list", "--json"]) == 0 and json.loads(capsys.readouterr().out)["arenas"] == [
         "Tag-v0",
         "Carry-v0",
+        "Guide-v0",
     ]
 
 
