@@ -134,6 +134,13 @@ def arena(result: Result) -> str:
     return f"{script} against the script, {random} against a random runner, after {cpu_s:.0f} s"
 
 
+def telling(result: Result) -> str:
+    """Rates of the hearing and the deaf teams of MAPPO."""
+    entry = result["agents"]["mappo"]
+    hearing = percent(entry["hearing"]["rate"])
+    return f"{hearing} of the episodes; deaf {percent(entry['deaf']['rate'])}"
+
+
 def sim_to_robot(result: Result) -> str:
     """Speed and return on other robots."""
     conditions = result["cells"][0]["conditions"]
@@ -209,6 +216,7 @@ ROWS: tuple[tuple[str, str, str | Callable[[Result], str], str], ...] = (
         "",
     ),
     ("arena", "Tag: episodes that the catcher wins after training (MAPPO, CPU time)", arena, ""),
+    ("telling", "a team finds the gate: hubs that hear one another, and deaf ones", telling, ""),
     (
         "realtime_factor",
         (

@@ -671,6 +671,44 @@ def arena(result: Result) -> str:
     return f"{table(head, rows)}\n{note}"
 
 
+def telling(result: Result) -> str:
+    """Teams that hear one another and teams that are deaf."""
+    kinds = {
+        "hearing": "trained and played hearing",
+        "hearing_made_deaf": "the same teams, played deaf",
+        "deaf": "trained and played deaf",
+    }
+    rows = []
+    for agent, entry in result["agents"].items():
+        for kind, words in kinds.items():
+            rows.append([agent, words, *_successes(entry[kind])])
+    scripted = {
+        "follow": ("the script", "hearing"),
+        "follow_deaf": ("the script", "deaf"),
+        "random": ("random actions", "hearing"),
+    }
+    for name, (script, how) in scripted.items():
+        rows.append([script, how, *_successes(result["scripts"][name])])
+    head = ["team", "", "through the gate", "of each seed", "steps"]
+    cpu_s = [time for entry in result["agents"].values() for time in entry["training_cpu_s"]]
+    note = (
+        f"{result['frames']:,} steps of training in the simulation, {statistics.median(cpu_s):.0f} "
+        "s of CPU (median). The gate is a quarter of the places where it can be.\n"
+    )
+    return f"{table(head, rows)}\n{note}"
+
+
+def _successes(outcome: Result) -> list[str]:
+    """Share of successes with its interval, successes of each seed, and mean steps."""
+    share = percent(outcome["rate"])
+    if "rate_95" in outcome:
+        ends = ", ".join(f"{100 * end:.0f}" for end in outcome["rate_95"])
+        share = f"{share} [{ends}]"
+    count = outcome["episodes"] // len(outcome["successes"])
+    of_seeds = ", ".join(map(str, outcome["successes"]))
+    return [share, f"{of_seeds} of {count}", f"{outcome['steps_mean']:g}"]
+
+
 def realtime_factor(result: Result) -> str:
     """Virtual robots on one core, and beside another commit if they were compared."""
     before = result.get("before")
@@ -1075,6 +1113,7 @@ SECTIONS: dict[str, tuple[str, Callable[[Result], str]]] = {
     ),
     "fleet": ("Four robots with one learner against one, SAC on RunAway-v0 in real time", fleet),
     "arena": ("Tag: catchers trained in the simulation, in the arena", arena),
+    "telling": ("A guide that tells a driver over the air where the gate is", telling),
     "realtime_factor": (
         "Speed of the virtual robots, hub program and environment included",
         realtime_factor,

@@ -35,7 +35,7 @@ def test_device_of_a_file_is_on_its_port(file: Path, port: str, known: str) -> N
 
 
 def test_what_is_no_device_or_has_no_port_is_refused(file: Path) -> None:
-    with pytest.raises(DescriptionError, match="is no OwnDevice or OwnUart; name one"):
+    with pytest.raises(DescriptionError, match="is no OwnDevice, OwnUart or OwnI2c; name one"):
         load_own_device(f"A={file}:NUMBER")
     with pytest.raises(DescriptionError, match="names no port; give one such as"):
         load_own_device(f"={file}:GAUGE")

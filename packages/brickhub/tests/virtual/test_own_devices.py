@@ -13,7 +13,7 @@ from brickhub.cli import main
 from brickhub.errors import DescriptionError, TwinError
 from brickhub.virtual.bench_body import BenchBody
 from brickhub.virtual.body import Body
-from brickhub.virtual.own_devices import AnyOwnDevice, OwnDevice, OwnMode, OwnUart
+from brickhub.virtual.own_devices import AnyOwnDevice, OwnDevice, OwnI2c, OwnMode, OwnUart
 from brickhub.virtual.run import Operation, run_file
 
 GAUGE = """
@@ -47,6 +47,32 @@ try:
 except OSError as e:
     print(e.errno)
 """
+
+I2C = """
+from pybricks.hubs import EV3Brick
+from pybricks.iodevices import I2CDevice
+from pybricks.parameters import Port
+from pybricks.tools import StopWatch, run_task
+brick = EV3Brick()
+device = I2CDevice(Port.S2, 0x1E)
+def error(function, *values):
+    try:
+        function(*values)
+    except Exception as e:
+        return e.errno if isinstance(e, OSError) else "refused"
+device.write(0x20, b"\\x07\\x08")
+print(device.read(0x20, 2), device.read(0x21), device.read(reg=0x20, length=0), device.read())
+device.write(3)
+device.write(None, bytearray(b"abc"))
+print(error(device.read, 0x30, 1), error(device.read, 256), error(device.read, 0, 33), error(device.write, 0, 5))
+print(error(I2CDevice(Port.S2, 0x1F).read, 0x20), error(I2CDevice, Port.S1, 0x1E))
+watch = StopWatch()
+device.read(0, 30)
+print(watch.time())
+async def read():
+    print(await device.read(0x21, 1))
+run_task(read())
+"""  # noqa: E501
 
 
 def run(
@@ -95,6 +121,80 @@ def test_uart_answers(tmp_path: Path) -> None:
     assert heard == [b"ping\n", b"xxxxx", b"more"]
 
 
+def registers(written: list[object]) -> OwnI2c:
+    """A device with registers; 0x30 fails."""
+    memory = bytearray(256)
+
+    def read(register: int | None, length: int, time_s: float) -> bytes:
+        if register is None:
+            return b"?" * length
+        return bytes(memory[register : register + length])
+
+    def write(register: int | None, data: bytes, time_s: float) -> None:
+        written.append((register, data))
+        if register is not None:
+            memory[register : register + len(data)] = data
+
+    return OwnI2c(0x1E, read, write)
+
+
+def test_i2c_device_answers(tmp_path: Path) -> None:
+    written: list[object] = []
+    code, out, err = run(tmp_path, I2C, {"2": registers(written)})
+    assert (code, err) == (0, "")
+    assert out.splitlines() == [
+        r"b'\x07\x08' b'\x08' b'' b'?'",
+        "None refused refused refused",
+        "5 19",
+        "30",
+        r"b'\x08'",
+    ]
+    assert written == [(0x20, b"\x07\x08"), (3, b""), (None, b"abc")]
+
+
+def test_i2c_device_without_functions_does_not_answer(tmp_path: Path) -> None:
+    source = I2C.partition("device.write(0x20")[0]
+    source += "print(error(device.read, 1), error(device.write, 1, b'x'))\n"
+    assert run(tmp_path, source, {"2": OwnI2c(0x1E)})[1] == "5 5\n"
+
+
+@pytest.mark.parametrize(
+    ("device", "says"),
+    [
+        (OwnI2c(0x1E, lambda *_: b"12"), "I2C device at 30 returned b'12'; return 1 bytes"),
+        (OwnI2c(0x1E, lambda *_: 5), "I2C device at 30 returned 5; return 1 bytes"),  # type: ignore[arg-type,return-value]
+        (OwnI2c(0x1E, lambda *_: b"1"[7]), "I2C device at 30 failed (IndexError"),  # type: ignore[arg-type,return-value]
+    ],
+)
+def test_answers_on_the_bus_that_do_not_fit_are_named(
+    tmp_path: Path, device: OwnI2c, says: str
+) -> None:
+    source = I2C.partition("device.write(0x20")[0] + "device.read(1)\n"
+    code, _, err = run(tmp_path, source, {"2": device})
+    assert code == 1 and says in err
+
+
+@pytest.mark.parametrize(
+    ("answer", "says"),
+    [
+        (lambda *_: "text", "the function of the UART returned 'text'; return bytes"),
+        (lambda *_: 1 / 0, "the function of the UART failed (ZeroDivisionError: division by zero)"),
+    ],
+)
+def test_answers_of_a_uart_that_do_not_fit_are_named(
+    tmp_path: Path, answer: Any, says: str
+) -> None:
+    code, _, err = run(tmp_path, UART, {"A": OwnUart(answer)})
+    assert code == 1 and says in err
+
+
+def test_function_that_is_written_to_and_fails_is_named(tmp_path: Path) -> None:
+    mode = OwnMode("M", lambda _: [0], write=lambda values, _: values[3])  # type: ignore[arg-type,return-value]
+    source = GAUGE.format(port="A").partition("print(")[0] + "gauge.write(0, [5])\n"
+    code, _, err = run(tmp_path, source, {"A": OwnDevice(1, (mode,))})
+    assert code == 1 and "the function of mode M failed (IndexError" in err
+
+
 @pytest.mark.parametrize(
     ("function", "says"),
     [
@@ -120,6 +220,7 @@ def test_values_that_do_not_fit_are_named(tmp_path: Path, function: Any, says: s
         (lambda: OwnMode("M", lambda _: [0], count=9), "no more than 32 bytes"),
         (lambda: OwnMode("M", lambda _: [0], count=0), "give at least one"),
         (lambda: OwnDevice(1, ()), "a device of 0 modes; give it 1 to 16"),
+        (lambda: OwnI2c(128), "at the I2C address 128; give 0 to 127, without the bit for"),
     ],
 )
 def test_invalid_descriptions_are_refused(make: object, says: str) -> None:
@@ -149,8 +250,17 @@ def test_command(
     for reference in ("mine.py:GAUGE", "mine.py"):
         assert main(("run", "main.py", "--port", f"A={reference}")) == 0
         assert capfd.readouterr().out == "(5,)\n"
+    (tmp_path / "bus.py").write_text(
+        "from brickhub.virtual.own_devices import *\nBUS = OwnI2c(3, lambda *_: b'7')\n"
+    )
+    (tmp_path / "brick.py").write_text(
+        "from pybricks.hubs import EV3Brick\nfrom pybricks.iodevices import I2CDevice\n"
+        "from pybricks.parameters import Port\nprint(I2CDevice(Port.S4, 3).read(9))\n"
+    )
+    assert main(("run", "brick.py", "--port", "S4=bus.py")) == 0
+    assert capfd.readouterr().out == "b'7'\n"
     for words, says in (
-        ("A=mine.py:NONE", "mine.py:NONE is no OwnDevice or OwnUart"),
+        ("A=mine.py:NONE", "mine.py:NONE is no OwnDevice, OwnUart or OwnI2c"),
         ("A=no.py", "there is no file no.py"),
         ("=mine.py", "names no port"),
     ):

@@ -80,6 +80,19 @@ def test_program_on_page(tmp_path, capfd):
     assert told.out == "done\n" and "live page: http://" in told.err
 
 
+def test_several_programs_on_page(tmp_path, capfd):
+    program = tmp_path / "main.py"
+    program.write_text("from pybricks.tools import wait\nwait(100)\nprint('done')\n")
+    several = ["hub", "run", str(program), str(program), "--page"]
+    assert main([*several, "--robot", "two-wheeler", "--robot", "scout"]) == 0
+    told = capfd.readouterr()
+    assert told.out == "main 1: done\nmain 2: done\n" and "live page: http://" in told.err
+    assert main(several) == 2
+    assert "name a robot for each program, or omit --page" in capfd.readouterr().err
+    assert main([*several[:-1], "--page-port", "9000"]) == 2
+    assert "--page-port has no effect without --page" in capfd.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [

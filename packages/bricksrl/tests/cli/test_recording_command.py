@@ -12,6 +12,7 @@ import pytest
 
 from brickhub.errors import HubNotFoundError
 from brickhub.hub.transport import Pipe
+from brickhub.virtual.panel import Press
 from brickhub.virtual.virtual_transport import VirtualHub
 from bricksrl.cli import main
 from bricksrl.cli.progress import RunProgress
@@ -98,6 +99,32 @@ def test_recording_shows_streaming_and_app_data(tmp_path, pipes):
     )
     assert over_app_data == pytest.approx((age_s, period_s), rel=0.1)
     assert pipes == [Pipe.STDIN, Pipe.STDIN, Pipe.APP_DATA]
+
+
+def test_button_of_the_hub_discards_the_episode(tmp_path, monkeypatch, capsys):
+    """The press is in the first try of the first episode."""
+    presses = [Press("left", 3.0, 1.5)]
+
+    def press(connection):
+        while presses:
+            connection.twin.machine.panel.press(presses.pop())
+
+    def made(*args, **options):
+        env = make(*args, **options)
+        env.watch(press)
+        return env
+
+    monkeypatch.setattr("bricksrl.cli.record.make", made)
+    for name, more in (("pressed", ["--discard-button", "left"]), ("plain", [])):
+        command = ["record", "RunAway-v0", "--episodes", "2", "--out", str(tmp_path / name)]
+        assert main([*command, *more]) == 0
+        told = capsys.readouterr()
+        assert ("discarded; this episode is recorded again" in told.err) is (name == "pressed")
+    pressed, plain = (load(tmp_path / name) for name in ("pressed", "plain"))
+    assert [row.about.seed for row in pressed.rows] == [row.about.seed for row in plain.rows]
+    assert pressed.observation.shape[1:] == plain.observation.shape[1:]
+    assert main([*command, "--discard-button", "up"]) == 2
+    assert "the hub has no such button" in capsys.readouterr().err
 
 
 def test_recording_names_its_film(tmp_path, monkeypatch, capsys):

@@ -98,6 +98,7 @@ def test_options_make_the_configuration() -> None:
     assert (carry.agents, carry.copies, carry.frames) == ({"agents": "sac"}, 0, 10_000), (
         "the beam has no simulation"
     )
+    assert [TrainTeam(deaf=deaf).config("Guide-v0").deaf for deaf in (False, True)] == [False, True]
 
 
 def test_invalid_teams_are_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -113,7 +114,7 @@ def test_invalid_teams_are_one_line(tmp_path: Path, capsys: pytest.CaptureFixtur
     )
     assert (
         run(["team"]) == 2
-        and "name an arena to train in (Tag-v0, Carry-v0)" in capsys.readouterr().err
+        and "name an arena to train in (Tag-v0, Carry-v0, Guide-v0)" in capsys.readouterr().err
     )
     assert (
         run(["team", "--play", str(tmp_path)]) == 2
@@ -149,6 +150,7 @@ def test_invalid_teams_are_one_line(tmp_path: Path, capsys: pytest.CaptureFixtur
     assert run(["list", "--json"]) == 0 and json.loads(capsys.readouterr().out)["arenas"] == [
         "Tag-v0",
         "Carry-v0",
+        "Guide-v0",
     ]
 
 

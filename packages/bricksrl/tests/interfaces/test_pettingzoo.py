@@ -12,7 +12,7 @@ from bricksrl.envs.arenas import get_arena_task
 from bricksrl.errors import RunError, UnknownOptionError
 
 
-@pytest.mark.parametrize("name", ["Tag-v0", "Carry-v0"])
+@pytest.mark.parametrize("name", ["Tag-v0", "Carry-v0", "Guide-v0"])
 def test_pettingzoo_checks_its_interface(name: str) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")

@@ -8,18 +8,22 @@ import socket
 import threading
 import time
 import urllib.request
+from functools import partial
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from brickhub.robot import HubKind
 from brickhub.virtual.panel import Panel
+from brickhub.virtual.room import HubProgramFile, Room
 from brickhub.virtual.run import Operation, run_file
 from bricksrl.errors import PageError
 from bricksrl.page.program import ProgramPage
 from bricksrl.page.robot_view import panel_of
 from bricksrl.page.server import PageOptions
 from bricktwin.robots import TWO_WHEELER
+from bricktwin.twin.arena import Arena, ArenaWorld, Contestant, Place
 from bricktwin.twin.make_body import make_body
 
 PROGRAM = """
@@ -65,6 +69,56 @@ def test_program_is_shown_and_stopped(tmp_path: Path) -> None:
     assert code == 0 and "stopped" in said.getvalue(), "also a program that takes no SystemExit"
     assert status["state"] == "stopped" and status["controls"] == ["stop", "speed", "pull"]
     assert page.board.drawing[0] == 1
+
+
+DRIVES_ON = """
+from pybricks.parameters import Port
+from pybricks.pupdevices import Motor
+from pybricks.tools import wait
+motor = Motor(Port.A)
+while True:
+    motor.run(300)
+    wait(10)
+"""
+
+
+def test_robots_of_several_programs_are_shown_in_one_world_and_stopped(tmp_path: Path) -> None:
+    """The first program ends at once: the world is shown and the others are stopped even so."""
+    paths = []
+    for name, text in (("short", "print('over')\n"), ("one", DRIVES_ON), ("two", DRIVES_ON)):
+        (tmp_path / f"{name}.py").write_text(text)
+        paths.append(tmp_path / f"{name}.py")
+    starts = ((0.0, 0.0), (0.5, 0.5), (1.0, 1.0))
+    robots = [Contestant(f"r{y_m[0]:g}", TWO_WHEELER, Place(y_m=y_m)) for y_m in starts]
+    world = ArenaWorld(Arena(tuple(robots)))
+    world.place(np.random.default_rng(0))
+    errors = io.StringIO()
+    with ProgramPage("several") as page:
+        operation = Operation(attend=lambda machine: page.attend_together(machine, world))
+        programs = []
+        for path, body in zip(paths, world.bodies, strict=True):
+            programs.append(HubProgramFile(path, body, operation))
+        room = Room(programs, stdout=io.BytesIO(), stderr=errors)
+        world.runners = [partial(room.run_until, number) for number in range(3)]
+
+        def stop_once_shown() -> None:
+            while page.board.poses[0] < 5:
+                time.sleep(0.02)
+            page.stop()
+
+        thread = threading.Thread(target=stop_once_shown)
+        thread.start()
+        codes = room.run()
+        thread.join()
+        assert page.has_stopped()
+        drawing = page.board.drawing[1]
+        assert drawing is not None
+        drawn = [body.name for body in drawing.bodies]
+        status = page.board.status[1]
+    assert codes == [0, 0, 0] and errors.getvalue().count("stopped") == 2
+    assert status["subtitle"] == "3 programs on virtual hubs in one room"
+    for contestant in robots:
+        assert any(name.startswith(f"{contestant.name}/") for name in drawn)
 
 
 def test_used_port_raises() -> None:

@@ -42,7 +42,7 @@ def test_the_others_are_run_before_time_passes(world: ArenaWorld) -> None:
 
     world.runners = [lambda ms: run("one", 0, ms), lambda ms: run("two", 1, ms)]
     times: list[int] = []
-    world.on_time = times.append
+    world.on_time.append(times.append)
     world.bodies[0].advance_to(5)
     world.bodies[0].advance_to(20)
     assert told == [("two", 5, 0), ("two", 20, 5)]

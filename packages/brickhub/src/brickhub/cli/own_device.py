@@ -2,7 +2,7 @@
 
 from brickhub.errors import DescriptionError
 from brickhub.user_files import is_reference, load_object
-from brickhub.virtual.own_devices import AnyOwnDevice, OwnDevice, OwnUart
+from brickhub.virtual.own_devices import AnyOwnDevice
 
 
 def is_own_device(text: str) -> bool:
@@ -14,9 +14,10 @@ def load_own_device(text: str) -> tuple[str, AnyOwnDevice]:
     """Port and device of ``A=my_device.py:GAUGE``. Raises as `load_object`, and DescriptionError if
     there is no port, or the object is no device."""
     port, _, reference = (part.strip() for part in text.partition("="))
-    device = load_object(reference, OwnDevice, missing="write an OwnDevice or OwnUart there")
-    if not isinstance(device, OwnDevice | OwnUart):
-        raise DescriptionError(f"{reference} is no OwnDevice or OwnUart; name one")
+    kinds = "OwnDevice, OwnUart or OwnI2c"
+    device = load_object(reference, AnyOwnDevice, missing=f"write an {kinds} there")
+    if not isinstance(device, AnyOwnDevice):
+        raise DescriptionError(f"{reference} is no {kinds}; name one")
     if not port:
         raise DescriptionError(f"'{text}' names no port; give one such as A=my_device.py:GAUGE")
     return port.upper().removeprefix("S"), device

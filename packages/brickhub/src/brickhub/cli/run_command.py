@@ -6,9 +6,9 @@ import io
 import sys
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack, closing
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, BinaryIO, TextIO, cast
+from typing import TYPE_CHECKING, Annotated, BinaryIO, ClassVar, TextIO, cast
 
 from tyro.conf import Positional, UseAppendAction
 
@@ -25,10 +25,6 @@ if TYPE_CHECKING:
     from brickhub.virtual.panel import Panel
     from brickhub.virtual.room import Room
     from brickhub.virtual.run import Operation
-
-
-_OF_A_ROOM = ("--file", "--others", "--robot", "--time-limit-s", "--realtime", "--firmware")
-"""Options that several programs have together."""
 
 
 @dataclass(frozen=True)
@@ -99,6 +95,16 @@ class Run:
     panel: Flag = False
     """Print each change of the virtual hub's light, display and loudspeaker on standard error."""
 
+    # Options that several programs have together.
+    of_a_room: ClassVar[tuple[str, ...]] = (
+        "--file",
+        "--others",
+        "--robot",
+        "--time-limit-s",
+        "--realtime",
+        "--firmware",
+    )
+
     def execute(self) -> int:
         from brickhub.virtual.run import interruptible
 
@@ -168,7 +174,7 @@ class Run:
         from brickhub.virtual.run import Operation
 
         for name in changed_options(self):
-            if name not in _OF_A_ROOM:
+            if name not in self.of_a_room:
                 raise DescriptionError(f"several hubs have no {name}; run one program, or omit it")
         paths = (self.file, *self.others)
         if self.robot and len(self.robot) != len(paths):
@@ -179,11 +185,12 @@ class Run:
         operation = Operation(realtime=self.realtime, firmware=self.firmware)
         with ExitStack() as stack:
             bodies = self.bodies(stack)
+            out, err = self.streams(stack)
+            operation = replace(operation, attend=self.attend_in_room())
             programs = [
                 HubProgramFile(path, body, operation)
                 for path, body in zip(paths, bodies, strict=True)
             ]
-            out, err = self.streams(stack)
             room = Room(
                 programs,
                 stdout=out,
@@ -209,6 +216,10 @@ class Run:
         from brickhub.virtual.room import DISTANCE_M
 
         return DISTANCE_M
+
+    def attend_in_room(self) -> Callable[[Machine], None] | None:
+        """Function that gets each of several virtual hubs before its program begins."""
+        return None
 
     def settle_in(self, room: Room) -> None:
         """Called with the room before its programs run."""

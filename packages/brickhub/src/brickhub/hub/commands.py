@@ -96,6 +96,8 @@ class Command(WireNumber, ABC):
         needs_encoder: whether its motors need a rotation sensor.
         is_turn_by: whether its amount is an angle by which one motor turns, which a motor with a
             range counts from its target.
+        is_whole: whether the hub program gets it in whole units, as motors take them; otherwise as
+            it is on the wire.
         call: commands with the same ``call`` are the arguments of one call on the hub; ``None`` for
             a separate call.
         description: for the header of the hub program; a format of the command.
@@ -109,6 +111,7 @@ class Command(WireNumber, ABC):
     ends: ClassVar[bool] = True
     needs_encoder: ClassVar[bool] = True
     is_turn_by: ClassVar[bool] = False
+    is_whole: ClassVar[bool] = True
     call: ClassVar[str | None] = None
 
     @property

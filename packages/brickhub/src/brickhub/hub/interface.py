@@ -73,6 +73,8 @@ __all__ = [
     "Turn",
     "UntilDone",
     "Wait",
+    "WatchedButton",
+    "WatchedRemoteButton",
     "WheelsAngle",
     "WheelsSpeed",
     "WireNumber",
@@ -96,6 +98,7 @@ class Channel(WireNumber, ABC):
         wireless: kind of the device beside the hub that it reads, such as ``"remote"``; ``None``
             without one.
         setup_s: longest time that its setup takes at the start of the program.
+        is_aside: whether it is for this computer alone, and in no observation.
         roughness: insignificant difference between a robot and its twin, in the unit, due to
             rounding and clock ticks.
     """
@@ -103,6 +106,7 @@ class Channel(WireNumber, ABC):
     role: ClassVar[str] = "channel"
     wireless: ClassVar[str | None] = None
     setup_s: ClassVar[float] = 0.0
+    is_aside: ClassVar[bool] = False
     is_nominal: ClassVar[bool] = False
     accumulates: ClassVar[bool] = False
     noise: ClassVar[str | None] = None
@@ -520,6 +524,21 @@ class RemoteButton(HubButton):
 
     def setup(self, robot: Robot) -> tuple[str, ...]:
         return ("remote = Remote()",)
+
+
+@dataclass(frozen=True)
+class WatchedButton(HubButton):
+    """Button of the hub by which a person tells this computer something, in no observation."""
+
+    is_aside: ClassVar[bool] = True
+
+
+@dataclass(frozen=True)
+class WatchedRemoteButton(RemoteButton):
+    """Button of the Powered Up remote by which a person tells this computer something, in no
+    observation."""
+
+    is_aside: ClassVar[bool] = True
 
 
 @dataclass(frozen=True)

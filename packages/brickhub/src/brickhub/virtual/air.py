@@ -57,10 +57,12 @@ class Antenna:
     Attributes:
         heard: by channel; a hub hears the channels that it observes.
         changes: what it broadcasts from a time (ms) on: channel and message; ``None`` for nothing.
+        is_in_air: whether others could hear it; alone, it keeps its last change only.
     """
 
     heard: dict[int, Heard] = field(default_factory=dict)
     changes: list[tuple[int, int, Message | None]] = field(default_factory=list)
+    is_in_air: bool = False
 
     def observe(self, channels: Sequence[int]) -> None:
         """Listen to these channels."""
@@ -68,7 +70,14 @@ class Antenna:
 
     def broadcast(self, time_ms: int, channel: int, message: Message | None) -> None:
         """Broadcast a message from now on, or nothing."""
+        if not self.is_in_air:
+            self.changes.clear()
         self.changes.append((time_ms, channel, message))
+
+    def fall_silent(self, time_ms: int) -> None:
+        """End broadcasting and listening, as at the end of a program."""
+        self.broadcast(time_ms, 0, None)
+        self.heard = {}
 
     def observed(self, time_ms: int, channel: int) -> tuple[Message | None, int]:
         """The last message of a channel, if it still counts, and its strength."""
@@ -95,6 +104,8 @@ class Air:
         seed: int = 0,
     ) -> None:
         self._antennas = antennas
+        for antenna in antennas:
+            antenna.is_in_air = True
         self._distance_m = distance_m
         # Each hub draws by itself, so that one more hub changes nothing between the others.
         self._draws = [random.Random(f"{seed}/{number}") for number in range(len(antennas))]

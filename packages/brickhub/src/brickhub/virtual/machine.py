@@ -375,9 +375,10 @@ class Machine:
 
     def stop_motors(self) -> None:
         """End a program as the firmware does: motors coast and are closed, drive bases are
-        released, the display is cleared."""
+        released, the display is cleared, the radio is silent."""
         self.runs_program = False
         self.panel.start_program()
+        self.antenna.fall_silent(self.time_ms)
         # Drive bases come before their motors, because they drive them.
         for base in self.drive_bases:
             base.release()

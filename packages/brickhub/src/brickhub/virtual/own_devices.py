@@ -1,5 +1,5 @@
 """Devices of one's own on the ports of a virtual hub: Python functions answer what a program asks
-by `PUPDevice` and `UARTDevice`, on the bench and in a body.
+by `PUPDevice`, `UARTDevice` and, of an EV3, `I2CDevice`, on the bench and in a body.
 
 A file of yours, such as ``my_device.py``::
 
@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 from brickhub.errors import DescriptionError
 
@@ -22,6 +23,7 @@ _MAX_VALUES = 32
 """Bytes of a message of a Powered Up device."""
 _MAX_MODES = 16
 _MAX_NAME = 11
+_LAST_ADDRESS = 127
 
 Read = Callable[[float], Sequence[int]]
 """Values of a mode at a simulated time in s."""
@@ -30,6 +32,29 @@ Write = Callable[[Sequence[int], float], None]
 Answer = Callable[[bytes, float], bytes]
 """Called with the bytes that a program has written since the last call, which may be none, and the
 simulated time in s; returns the bytes that the device has sent since then."""
+ReadRegister = Callable[[int | None, int, float], bytes]
+"""Called with a register, or ``None`` for none, the number of bytes that a program reads from there
+on, and the simulated time in s; returns these bytes."""
+WriteRegister = Callable[[int | None, bytes, float], None]
+"""Called with a register, or ``None`` for none, the bytes that a program writes from there on, and
+the simulated time in s."""
+
+
+class AnyOwnDevice:
+    """Device of the user's own, of any kind."""
+
+
+T = TypeVar("T")
+
+
+def _answered(name: str, ask: Callable[[], T]) -> T:
+    """Answer of a function of the user's. Raises DescriptionError if it raises."""
+    try:
+        return ask()
+    except Exception as error:
+        raise DescriptionError(
+            f"the function of {name} failed ({type(error).__name__}: {error}); correct it"
+        ) from error
 
 
 @dataclass(frozen=True)
@@ -68,13 +93,7 @@ class OwnMode:
     def values(self, time_s: float) -> tuple[int, ...]:
         """Values of the mode at a simulated time. Raises DescriptionError if the function raises,
         or they are not as many, or do not fit."""
-        try:
-            values = tuple(self.read(time_s))
-        except Exception as error:
-            raise DescriptionError(
-                f"the function of mode {self.name} failed ({type(error).__name__}: {error}); "
-                "correct it"
-            ) from error
+        values = _answered(f"mode {self.name}", lambda: tuple(self.read(time_s)))
         limit = 1 << (self.bits - 1)
         fits = all(type(value) is int and -limit <= value < limit for value in values)
         if len(values) != self.count or not fits:
@@ -84,9 +103,15 @@ class OwnMode:
             )
         return values
 
+    def take(self, values: Sequence[int], time_s: float) -> None:
+        """Take what a program writes. Raises DescriptionError if the function raises."""
+        if self.write is not None:
+            write = self.write
+            _answered(f"mode {self.name}", lambda: write(values, time_s))
+
 
 @dataclass(frozen=True)
-class OwnDevice:
+class OwnDevice(AnyOwnDevice):
     """A Powered Up device, for `PUPDevice`. Raises DescriptionError without modes, or with too
     many.
 
@@ -106,7 +131,7 @@ class OwnDevice:
 
 
 @dataclass(frozen=True)
-class OwnUart:
+class OwnUart(AnyOwnDevice):
     """What is at the other end of a `UARTDevice`.
 
     Attributes:
@@ -115,5 +140,67 @@ class OwnUart:
 
     answer: Answer
 
+    def answered(self, written: bytes, time_s: float) -> bytes:
+        """What the device has sent. Raises DescriptionError if the function raises, or returns no
+        bytes."""
+        sent = _answered("the UART", lambda: self.answer(written, time_s))
+        if not isinstance(sent, bytes | bytearray):
+            raise DescriptionError(f"the function of the UART returned {sent!r}; return bytes")
+        return bytes(sent)
 
-AnyOwnDevice = OwnDevice | OwnUart
+
+@dataclass(frozen=True)
+class OwnI2c(AnyOwnDevice):
+    """A device on the I2C bus of an EV3's sensor port, for `I2CDevice`. Raises DescriptionError if
+    the address is out of range.
+
+    Attributes:
+        address: its address of 7 bits; at others nothing answers.
+        read: the bytes that a program reads; ``None`` if it cannot be read.
+        write: what a program's bytes do; ``None`` if it cannot be written.
+    """
+
+    address: int
+    read: ReadRegister | None = None
+    write: WriteRegister | None = None
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.address <= _LAST_ADDRESS:
+            raise DescriptionError(
+                f"a device at the I2C address {self.address}; give 0 to {_LAST_ADDRESS}, without "
+                "the bit for reading and writing"
+            )
+
+    def bytes_of(
+        self,
+        register: int | None,
+        length: int,
+        time_s: float,
+    ) -> bytes | None:
+        """Bytes that a program reads; ``None`` if the device does not answer. Raises
+        DescriptionError if the function raises, or returns something else."""
+        if self.read is None:
+            return None
+        read = self.read
+        name = f"the I2C device at {self.address}"
+        data = _answered(name, lambda: read(register, length, time_s))
+        if not isinstance(data, bytes | bytearray) or len(data) != length:
+            raise DescriptionError(
+                f"the function of {name} returned {data!r}; return {length} bytes"
+            )
+        return bytes(data)
+
+    def take(
+        self,
+        register: int | None,
+        data: bytes,
+        time_s: float,
+    ) -> bool:
+        """Whether the device takes what a program writes. Raises DescriptionError if the function
+        raises."""
+        if self.write is None:
+            return False
+        write = self.write
+        name = f"the I2C device at {self.address}"
+        _answered(name, lambda: write(register, data, time_s))
+        return True

@@ -350,7 +350,6 @@ def _run(
     finally:
         # However it ended: motors coast, the radio is silent, and the last line is on the screen.
         machine.stop_motors()
-        machine.antenna.broadcast(machine.time_ms, 0, None)
         stdout.flush()
     return 0
 

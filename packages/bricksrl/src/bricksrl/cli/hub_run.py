@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import functools
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Annotated, BinaryIO, TextIO, cast
+from typing import TYPE_CHECKING, Annotated, BinaryIO, ClassVar, TextIO, cast
 
 from tyro.conf import UseAppendAction
 
@@ -49,6 +49,7 @@ class Run(run.Run):
       bricksrl hub run main.py --robot walker --video walk.mp4
       bricksrl hub run main.py --robot walker --page
       bricksrl hub run main.py --scene maze --page
+      bricksrl hub run left.py right.py --robot two-wheeler --robot scout --page
       bricksrl hub run main.py --robot my_robot.py
       bricksrl hub run main.py --hub ble
     """
@@ -62,6 +63,13 @@ class Run(run.Run):
     page: PageFlag = False
     live_page: LivePageGroup = PageOptions()
 
+    of_a_room: ClassVar[tuple[str, ...]] = (
+        *run.Run.of_a_room,
+        "--page",
+        "--page-host",
+        "--page-port",
+    )
+
     def body(self, stack: ExitStack) -> Body | None:
         shown(self.live_page, self.page)
         drawn = self
@@ -74,7 +82,8 @@ class Run(run.Run):
     def _page(self) -> ProgramPage:
         from bricksrl.page.program import ProgramPage
 
-        return ProgramPage(self.file.name, self.live_page)
+        names = [path.name for path in (self.file, *self.others)]
+        return ProgramPage(", ".join(names), self.live_page)
 
     def streams(self, stack: ExitStack) -> tuple[BinaryIO, TextIO]:
         from bricksrl.page.program import Told
@@ -96,6 +105,20 @@ class Run(run.Run):
         output = Told(sys.stdout.buffer, page.tell)
         errors = Told(sys.stderr, page.tell)
         return cast(BinaryIO, output), cast(TextIO, errors)
+
+    def bodies(self, stack: ExitStack) -> Sequence[Body | None]:
+        shown(self.live_page, self.page)
+        if self.page and not self.robot:
+            raise DescriptionError(
+                "the page draws robots, and there are none; name a robot for each program, or omit "
+                "--page"
+            )
+        return super().bodies(stack)
+
+    def attend_in_room(self) -> Callable[[Machine], None] | None:
+        if not self.page:
+            return None
+        return lambda machine: self._page.attend_together(machine, self.world)
 
     def attend(self, stack: ExitStack) -> Callable[[Machine], None] | None:
         return self._page.attend if self.page else None

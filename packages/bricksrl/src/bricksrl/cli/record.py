@@ -65,15 +65,16 @@ class Record:
 
     Each episode is on the disk when its line is printed. Where the link to the robot breaks, the
     recording goes on when the robot is back; that episode is kept as broken off, and does not
-    count. Backspace, or Discard on the page, discards the episode that goes on, and records it
-    again. Ctrl-C ends the recording and keeps the whole episodes; keys and signals stop and pause
-    the robot as in training. An existing dataset is extended, if it has the same robot, environment
-    and shape.
+    count. Backspace, Discard on the page, or a button of the hub (--discard-button) discards the
+    episode that goes on, and records it again. Ctrl-C ends the recording and keeps the whole
+    episodes; keys and signals stop and pause the robot as in training. An existing dataset is
+    extended, if it has the same robot, environment and shape.
 
     Examples:
       bricksrl record RunAway-v0 --policy random --episodes 100 --out datasets/run_away_random
       bricksrl record Walker-v0 --policy runs/walker --episodes 100 --out datasets/walker_expert
       bricksrl record Spinning-v0 --policy keyboard --episodes 5 --out datasets/by_hand
+      bricksrl record Walker-v0 --policy random --discard-button left --out datasets/walker
       bricksrl record Walker-v0 --policy runs/walker --take-over gamepad --out datasets/corrected
     """
 
@@ -95,6 +96,9 @@ class Record:
     """Film the virtual robot into this mp4 file."""
     explore: Flag = False
     """Let the agent of a run explore as in training; by default it acts deterministically."""
+    discard_button: Annotated[str | None, option(metavar="BUTTON")] = None
+    """Button of the hub that discards the episode that goes on, as Backspace does: left, or of a
+    remote, remote.left_plus. Hold it until that is said."""
     page: PageFlag = False
     robot: RobotGroup = EnvOptions()
     live_page: LivePageGroup = PageOptions()
@@ -104,6 +108,7 @@ class Record:
         task = task_with(self.env, self.robot)
         address = shown(self.live_page, self.page)
         load_learning()
+        from bricksrl.envs.env_interface import interface_of
         from bricksrl.evaluation.film import filmed_env
 
         count = 0
@@ -157,6 +162,8 @@ class Record:
                 ) as page,
             ):
                 emergency_stop.attach(env)
+                if self.discard_button is not None:
+                    interface_of(env).on_button = on_discard
                 self._check_dataset(recorder)
                 if page is not None:
                     page.on_discard = on_discard
@@ -220,6 +227,7 @@ class Record:
             options,
             seed=self.seed,
             place=placing(partial(quiet, human), emergency_stop.quiet),
+            watched_button=self.discard_button,
         )
 
     def _collect(

@@ -65,6 +65,7 @@ class TrainTeam:
       bricksrl team --play runs/tag
       bricksrl team Tag-v0 --page --page-host 0.0.0.0
       bricksrl team Carry-v0
+      bricksrl team Guide-v0 --agent mappo
     """
 
     env: Annotated[Positional[str | None], option(metavar="ARENA"), Existing(check_arena)] = None
@@ -86,6 +87,8 @@ class TrainTeam:
     """Copies of the simulation; 0 for the arena itself. By default 256 if there is a simulation."""
     seed: Seed = 0
     """Seed of all random numbers: the same seed gives the same team."""
+    deaf: bool = False
+    """Robots do not hear what the others tell them over the air, in an arena where they do."""
     episodes: Annotated[Count, option(metavar="N")] = 20
     """Episodes to play after the training."""
     run: Annotated[Path | None, option(metavar="DIR")] = None
@@ -210,6 +213,7 @@ class TrainTeam:
             frames,
             copies,
             self.seed,
+            self.deaf,
         )
 
     def _play(
@@ -220,7 +224,7 @@ class TrainTeam:
         from bricksrl.evaluation.film import film_arena
         from bricksrl.training.teams.team import play_team
 
-        env = make_arena(team.config.env)
+        env = make_arena(team.config.env, deaf=team.config.deaf)
         seed = evaluation_seed(team.config.seed, _EVALUATION_SEED + self.seed)
         episodes = play_team(
             env,

@@ -37,6 +37,7 @@ class BricksEnv:
         link_error: error of the last step that ended with ``link_lost``.
         in_reach: of a virtual robot, may be set before the first reset: while it returns False, the
             link is broken.
+        on_button: called in a step at whose end a watched button is down, and was not before.
         remake: makes it, given a seed; ``None`` if there cannot be two of it, as of a robot.
         connect_to: makes the connections to a hub that acts by a policy, or as before by none;
             ``None`` where each step needs this computer, as `by_steps_because` says.
@@ -47,6 +48,7 @@ class BricksEnv:
     reconnect: Reconnect | None = None
     link_error: HubError | CameraError = HubError("no link has broken")
     in_reach: Callable[[], bool] = staticmethod(lambda: True)
+    on_button: Callable[[], None] = staticmethod(lambda: None)
     remake: Callable[..., object] | None = None
     connect_to: Callable[[HubPolicy | None], Connect] | None = None
     by_steps_because: str = "it is no robot of ours with a hub"

@@ -24,6 +24,7 @@ from bricksrl.envs.options import TRANSFORMS, EnvOptions
 from bricksrl.envs.registry import Registration, is_simulation, registration, task_with
 from bricksrl.envs.task import Kinematics, Task
 from bricksrl.envs.vision.camera import TwinCamera, VideoCamera
+from bricksrl.envs.watched_button import watching
 from bricksrl.errors import DescriptionError, RunError, counted
 from bricktwin.twin.make_body import check_mujoco, make_body
 from bricktwin.twin.physics import RandomPhysics
@@ -58,6 +59,7 @@ def make(
     device: str = "cpu",
     kinematics: Kinematics | None = None,
     place: Placement | None = None,
+    watched_button: str | None = None,
     arrays: Literal[False] = False,
     **named: Any,
 ) -> EnvBase: ...
@@ -81,6 +83,7 @@ def make(
     device: str = "cpu",
     kinematics: Kinematics | None = None,
     place: Placement | None = None,
+    watched_button: str | None = None,
     arrays: bool = False,
     **named: Any,
 ) -> EnvBase | RobotEnv:
@@ -104,6 +107,8 @@ def make(
         kinematics: for a kinematic simulation: parameters in place of the environment's.
         place: places a real robot at the start of an episode and returns when it is there; by
             default the log asks for it.
+        watched_button: button of the hub, such as ``"left"``, or of a remote,
+            ``"remote.left_plus"``; the environment's ``on_button`` is called when it is pressed.
         arrays: make the robot alone, whose observations and actions are arrays, without TorchRL,
             which takes seconds to load; `has_arrays` tells which environments have one.
         named: single fields of :class:`EnvOptions` by name, such as ``hub`` and ``realtime``, and
@@ -121,10 +126,12 @@ def make(
     options = (options or EnvOptions()).env_options.changed(**named)
     is_plain = batch_size is None and device == "cpu" and kinematics is None
     if arrays:
-        if copies != 1 or not is_plain:
+        if copies != 1 or watched_button is not None or not is_plain:
             raise DescriptionError(f"{env_id} with arrays is one robot; omit arrays, or the rest")
         return _make_robot(env_id, options, seed, place)
     if copies != 1:
+        if watched_button is not None:
+            raise DescriptionError("copies have no buttons that anybody watches; omit the button")
         if copies < 1 or batch_size is not None:
             raise DescriptionError("copies are 1 or more; give either copies or batch_size")
         return _make_copies(
@@ -139,6 +146,10 @@ def make(
     address = parse_hub(options.hub)
     spec = registration(env_id)
     task = task_with(env_id, options)
+    if watched_button is not None:
+        if spec.kinematics is not None:
+            raise DescriptionError(f"{env_id} is simulated without a hub; omit its button")
+        task = watching(task, watched_button)
     # TorchRL imports MuJoCo, whatever the environment.
     check_mujoco()
     if spec.kinematics is not None:

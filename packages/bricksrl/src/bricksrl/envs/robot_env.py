@@ -91,6 +91,12 @@ class RobotEnv(BricksEnv):
             half = (command.high - command.low) / 2
             self._spans.append((middle, half))
         self._observed = task.observed_channels
+        self._buttons: list[int] = []
+        """Indices of the channels of watched buttons."""
+        for index, channel in enumerate(task.interface.channels):
+            if channel.is_aside:
+                self._buttons.append(index)
+        self._is_button_down = False
         # These are the last images of the sensors.
         self._images: dict[str, NDArray[np.uint8]] = {}
         self.reconnect = Reconnect()
@@ -215,6 +221,8 @@ class RobotEnv(BricksEnv):
             frame = self._guarded(self._camera.frame)
             episode.watch = Watch(task.camera, self._host_rng, frame)
         self._episode = self._timed = episode
+        # A button that is still held means what was before this episode.
+        self._is_button_down = self._is_down(reading)
         episode.observation = self._observation_at_start(episode, reading)
         episode.images = self.image()
         return episode
@@ -304,6 +312,10 @@ class RobotEnv(BricksEnv):
     ) -> Floats:
         """The observation for the task's functions after a step; reads odometer and camera only
         where the task uses them."""
+        was_down = self._is_button_down
+        self._is_button_down = self._is_down(reading)
+        if self._is_button_down and not was_down:
+            self.on_button()
         episode.measured_s = self._connected().link.now_s() - reading.age_s
         episode.hub_time_s = reading.hub_time_ms / 1000
         forward_mm: list[float] = []
@@ -317,6 +329,10 @@ class RobotEnv(BricksEnv):
         # A task may report the distance without observing it.
         measured = forward_mm[: len(self.task.measured_entries)]
         return episode.observe(self._channels(reading, episode), measured)
+
+    def _is_down(self, reading: Reading) -> bool:
+        """Whether a watched button is down."""
+        return any(reading.values[index] > 0.0 for index in self._buttons)
 
     def _channels(
         self,

@@ -211,8 +211,12 @@ class Task:
         """Indices of the channels that are in the observation."""
         # With a target, the wheels only tell where it is (see `Target`).
         wheel_angles = () if self.target is None else wheels(self.robot, self.interface)
-        channels = range(len(self.interface.channels))
-        return tuple(index for index in channels if index not in wheel_angles)
+        channels = enumerate(self.interface.channels)
+        return tuple(
+            index
+            for index, channel in channels
+            if index not in wheel_angles and not channel.is_aside
+        )
 
     @property
     def entries(self) -> tuple[Entry, ...]:

@@ -330,7 +330,7 @@ def film_arena(
                         video.add(renderer.render())
 
                 state = env.reset()
-                env.world.on_time = draw
+                env.world.on_time.append(draw)
                 with torch.no_grad(), set_exploration_type(ExplorationType.DETERMINISTIC):
                     for _ in play(env, policy, state):
                         pass

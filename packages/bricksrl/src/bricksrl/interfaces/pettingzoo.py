@@ -76,7 +76,8 @@ class ArenaParallelEnv(ParallelEnv):  # type: ignore[misc]
         robots = len(task.robots)
         self.observation_spaces = {name: Box(low, high) for name in task.robots}
         self.state_space = Box(np.tile(low, robots), np.tile(high, robots))
-        self.action_spaces = {name: Box(-1.0, 1.0, (2,), np.float32) for name in task.robots}
+        shape = (task.action_size,)
+        self.action_spaces = {name: Box(-1.0, 1.0, shape, np.float32) for name in task.robots}
         self._state: Any = None
         self.np_random, _ = np_random(named.get("seed"))
 

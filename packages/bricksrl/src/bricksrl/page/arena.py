@@ -9,7 +9,7 @@ from tensordict.nn import TensorDictModuleBase
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 
 from bricksrl.envs.arenas.arena_env import ArenaEnv
-from bricksrl.envs.arenas.arena_task import ArenaTask
+from bricksrl.envs.arenas.arena_task import WHEELS, ArenaTask
 from bricksrl.envs.env_interface import interface_of
 from bricksrl.page.live import LivePage, PageDriver
 from bricksrl.page.play import Steps, play_endlessly
@@ -43,7 +43,8 @@ class ArenaPage(LivePage):
         robots = zip(task.robots, task.interfaces, strict=True)
         self._arena = task
         self.drivers = {
-            name: PageDriver([command.entry for command in interface.commands])
+            # A driver turns the wheels; what the robot tells remains its policy's.
+            name: PageDriver([command.entry for command in interface.commands[:WHEELS]])
             for name, interface in robots
         }
         super().__init__(
@@ -79,7 +80,8 @@ class ArenaPage(LivePage):
             actions = state[group, "action"]
             for index, name in enumerate(names):
                 if self.drivers[name].in_charge:
-                    actions[..., index, :] = actions.new_tensor(self.drivers[name].shares())
+                    shares = actions.new_tensor(self.drivers[name].shares())
+                    actions[..., index, :WHEELS] = shares
         return state
 
     @property

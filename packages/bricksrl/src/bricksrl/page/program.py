@@ -1,5 +1,5 @@
 """Live page of a program on a virtual hub: the robot, its hub, what the program prints, and a stop
-button."""
+button; or of several programs, whose robots share one world."""
 
 import contextlib
 import threading
@@ -13,11 +13,18 @@ from bricksrl.page.board import Board
 from bricksrl.page.robot_view import SPEEDS, RobotView
 from bricksrl.page.server import PageOptions, PageServer, chosen
 from bricksrl.page.visitors import Visitor
+from bricktwin.twin.arena import ArenaWorld
+from bricktwin.view.drawing_of_body import View
+from bricktwin.view.mirror import Mirror
 
 _MAX_CHARACTERS = 8000
 """Length of the shown end of what a program prints."""
 _POLL_S = 0.2
 _RELOAD_S = 3.0
+_AROUND_M = 1.0
+"""Distance of a camera from several robots, beyond that of the outer ones from one another."""
+_FROM_BEHIND_DEG = -150.0
+_FROM_ABOVE_DEG = 35.0
 
 
 class Told:
@@ -63,7 +70,7 @@ class ProgramPage(PageServer):
         self._halted = threading.Event()
         self._speed = "1x"
         self._said = ""
-        self._machine: Machine | None = None
+        self._machines: list[Machine] = []
         self._view = RobotView(self.board, self._halted, lambda: SPEEDS[self._speed])
         self.board.update_status(
             title=title,
@@ -74,13 +81,31 @@ class ProgramPage(PageServer):
         self.board.update_status(controls=["stop", "speed", "pull"], speed=self._speed)
 
     def has_stopped(self) -> bool:
-        return self._machine is None or not self._machine.is_driven
+        return not any(machine.is_driven for machine in self._machines)
 
     def attend(self, machine: Machine) -> None:
         """Show the robot of a machine; called as `Operation.attend`."""
-        self._machine = machine
+        self._machines = [machine]
         self._view.show_machine(machine, stop_program)
         self.board.update_status(state="running")
+
+    def attend_together(self, machine: Machine, world: ArenaWorld) -> None:
+        """Show the world of several robots with the hub of the first machine, and pace the others;
+        called as `Operation.attend` of each of them."""
+        self._machines.append(machine)
+        if len(self._machines) > 1:
+            self._view.accompany(machine, stop_program)
+            return
+        self._view.show_machine(
+            machine,
+            stop_program,
+            body=world.bodies[0],
+            mirror=_mirror_of(world),
+        )
+        self.board.update_status(
+            state="running",
+            subtitle=f"{len(world.bodies)} programs on virtual hubs in one room",
+        )
 
     def tell(self, text: str) -> None:
         """Show text in the page's console."""
@@ -120,3 +145,19 @@ class ProgramPage(PageServer):
         if name == "speed":
             self._speed = chosen("speed", value, SPEEDS)
             self.board.update_status(speed=self._speed)
+
+
+def _mirror_of(world: ArenaWorld) -> Mirror:
+    """Mirror of several robots, seen from behind and above."""
+    places = [body.pose() for body in world.bodies]
+    xs_m = [place.x_m for place in places]
+    ys_m = [place.y_m for place in places]
+    middle = ((min(xs_m) + max(xs_m)) / 2, (min(ys_m) + max(ys_m)) / 2, 0.0)
+    width_m = max(max(xs_m) - min(xs_m), max(ys_m) - min(ys_m))
+    view = View(
+        middle,
+        width_m + _AROUND_M,
+        _FROM_BEHIND_DEG,
+        _FROM_ABOVE_DEG,
+    )
+    return Mirror(ArenaWorld(world.arena).bodies[0], view)

@@ -141,6 +141,7 @@ class RobotView:
         self.connection: Connection | None = None
         self.goal: Goal | None = None
         self.hand = Hand()
+        self._update: Callable[[], None] = lambda: None
 
     def show(self, connection: Connection) -> None:
         """Show another robot."""
@@ -194,7 +195,20 @@ class RobotView:
             feel,
             halt,
         )
+        self._update = update
         update()
+
+    def accompany(self, machine: Machine, halt: Callable[[], None]) -> None:
+        """Pace another hub of the world that is shown, whose program may go on for longer than that
+        of the hub that is shown. ``halt``: as in :class:`SteeredPace`."""
+        machine.pace = SteeredPace(
+            machine,
+            self._halted,
+            self._speed,
+            self._update,
+            lambda: None,
+            halt,
+        )
 
     def show_sensed(
         self,

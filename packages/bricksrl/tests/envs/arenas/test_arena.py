@@ -40,7 +40,7 @@ def acted(env: Any, state: TensorDict, **actions: list[list[float]]) -> TensorDi
     return env.step(state)["next"]
 
 
-@pytest.mark.parametrize("name", ["Tag-v0", "Carry-v0"])
+@pytest.mark.parametrize("name", ["Tag-v0", "Carry-v0", "Guide-v0"])
 def test_torchrl_checks_its_specs(name: str) -> None:
     from torchrl.envs import check_env_specs
 
@@ -52,7 +52,8 @@ def test_torchrl_checks_its_specs(name: str) -> None:
 def test_torchrl_checks_the_simulations_specs() -> None:
     from torchrl.envs import check_env_specs
 
-    check_env_specs(make_arena("Tag-v0", seed=3, batch_size=4))
+    for name in ("Tag-v0", "Guide-v0"):
+        check_env_specs(make_arena(name, seed=3, batch_size=4))
     assert make_arena("Tag-v0", batch_size=[3]).batch_size == torch.Size([3])
 
 

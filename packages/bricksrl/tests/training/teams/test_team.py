@@ -65,6 +65,24 @@ def test_team_learns_in_arena(agent: str) -> None:
     assert played[0].length >= 1 and set(played[0].returns) == {"agents"}
 
 
+@pytest.mark.parametrize("agent", ["mappo", "sac"])
+def test_team_that_tells_numbers_learns_and_is_loaded(tmp_path: Path, agent: str) -> None:
+    config = TeamConfig("Guide-v0", {"agents": agent}, frames=16, copies=4, deaf=True)
+    train_team(config, SMALL).save(tmp_path / "team.bin")
+    team = load_team(tmp_path / "team.bin")
+    assert team.config == config
+    state = make_arena("Guide-v0", seed=1, batch_size=2).reset()
+    assert team.policy(state)["agents", "action"].shape == (2, 2, 4)
+
+
+def test_deaf_team_learns_with_the_air_taken_away() -> None:
+    teams = []
+    for deaf in (False, True):
+        config = TeamConfig("Guide-v0", {"agents": "mappo"}, frames=64, copies=4, deaf=deaf)
+        teams.append(train_team(config, SMALL).learners["agents"].policy.state_dict())
+    assert any(not torch.equal(teams[0][name], teams[1][name]) for name in teams[0])
+
+
 def test_failure_that_ends_an_episode_is_no_success(monkeypatch: pytest.MonkeyPatch) -> None:
     def turned(state: ArenaState) -> torch.Tensor:
         return state.poses[..., 0, 2:].abs() < 9.0

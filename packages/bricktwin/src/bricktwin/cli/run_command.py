@@ -94,12 +94,12 @@ class Run(run.Run):
     def bodies(self, stack: ExitStack) -> Sequence[Body | None]:
         if not self.robot:
             return super().bodies(stack)
-        return self._world.bodies
+        return self.world.bodies
 
     def distance_m(self, one: int, other: int) -> float:
         if not self.robot:
             return super().distance_m(one, other)
-        places = [body.pose() for body in self._world.bodies]
+        places = [body.pose() for body in self.world.bodies]
         return math.hypot(
             places[one].x_m - places[other].x_m,
             places[one].y_m - places[other].y_m,
@@ -107,11 +107,11 @@ class Run(run.Run):
 
     def settle_in(self, room: Room) -> None:
         if self.robot:
-            world = self._world
+            world = self.world
             world.runners = [partial(room.run_until, number) for number in range(len(world.bodies))]
 
     @cached_property
-    def _world(self) -> ArenaWorld:
+    def world(self) -> ArenaWorld:
         """The world that several robots share: they stand side by side, and look ahead."""
         import numpy as np
 

@@ -254,7 +254,8 @@ class ArenaWorld:
         bodies: bodies in the order of the arena's robots.
         runners: functions that run a robot's hub up to a time in ms, in the same order; to be set
             before any time passes.
-        on_time: called with each time in ms that the world has reached, for a film.
+        on_time: functions that are called with each time in ms that the world has reached, such as
+            for a film.
         steps: of the physics since the world was made.
     """
 
@@ -270,7 +271,7 @@ class ArenaWorld:
         self.time_ms = 0
         self.steps = 0
         self.runners: list[Callable[[int], None]] = []
-        self.on_time: Callable[[int], None] = lambda _: None
+        self.on_time: list[Callable[[int], None]] = []
         self._target_ms: dict[int, int] = {}
         seeds = np.random.SeedSequence(seed).spawn(len(arena.robots))
         physics = physics or Physics()
@@ -392,7 +393,8 @@ class ArenaWorld:
                 if self.steps % STEPS_PER_LOAD == 0:
                     body.load_battery()
         self.time_ms = time_ms
-        self.on_time(time_ms)
+        for call in self.on_time:
+            call(time_ms)
 
 
 def _apart_m(pose: Pose, other: Pose) -> float:

@@ -645,7 +645,8 @@ def _start_moves(robot: Robot, interface: Interface) -> str:
         # The hub clamps to the range itself, whatever the host sends.
         low = round(command.low * command.scale)
         high = round(command.high * command.scale)
-        amount = f"whole(actions[{index}], {low}, {high}, {command.scale})"
+        divisor = command.scale if command.is_whole else 1
+        amount = f"whole(actions[{index}], {low}, {high}, {divisor})"
         call = command.call or command.name
         first_commands.setdefault(call, command)
         amounts_of_calls.setdefault(call, {})[command.name] = amount

@@ -12,7 +12,7 @@ from brickhub.virtual.machine import Machine
 from brickhub.virtual.micropython.containers import HubDict
 from brickhub.virtual.micropython.numbers import module
 from brickhub.virtual.micropython.streams import HubBytearray
-from brickhub.virtual.own_devices import OwnDevice, OwnMode, OwnUart
+from brickhub.virtual.own_devices import OwnDevice, OwnI2c, OwnMode, OwnUart
 from brickhub.virtual.pybricks.arguments import (
     expect,
     get_array,
@@ -37,6 +37,13 @@ _WARNING = (
 
 
 _OWN_BITS = (8, 16, 32)
+_I2C_BITS_PER_S = 9600
+"""Clock of the I2C bus of LEGO's sensor ports (hardware developer kit of the NXT)."""
+_I2C_BITS_PER_BYTE = 9
+"""Eight bits, and one that acknowledges them."""
+_MAX_I2C_BYTES = 32
+"""Most bytes of a transfer; ASSUMED, those of a message of another device."""
+_LAST_REGISTER = 255
 _ANY_PLAIN_MOTOR = 93
 """``LEGO_DEVICE_TYPE_ID_ANY_DC_MOTOR``."""
 _OPEN_MV = 4972
@@ -126,8 +133,8 @@ class PUPDevice(Device):
                 raise ValueError(f"Value out of range for int{bits}")
         self._release_motor(device_mode.name)
         for own in self._own_modes:
-            if own.name == device_mode.name and own.write is not None:
-                own.write(tuple(data), self._machine.time_ms / 1000)
+            if own.name == device_mode.name:
+                own.take(tuple(data), self._machine.time_ms / 1000)
         return self._write(device_mode.name)
 
     def _checked_mode(
@@ -257,7 +264,7 @@ class UARTDevice(Native):
         """Number of bytes that wait, after the device has heard what was written."""
         own = self._machine.own_devices.get(self._letter)
         if isinstance(own, OwnUart):
-            self._inbox += own.answer(written, self._machine.time_ms / 1000)
+            self._inbox += own.answered(written, self._machine.time_ms / 1000)
         return len(self._inbox)
 
     def _taken(self, count: int) -> bytes:
@@ -335,7 +342,7 @@ class AnalogSensor(Native):
 
 
 class I2CDevice(Native):
-    """An I2C bus on a port, on which nothing answers."""
+    """A device on the I2C bus of a sensor port: one of the user's own, or nothing."""
 
     def __init__(
         self,
@@ -346,17 +353,84 @@ class I2CDevice(Native):
         nxt_quirk: Any = False,
     ) -> None:
         self._context.assert_blocking()
-        letter = self._context.port_letter(port)
-        get_exact_int(address)
-        if letter not in self._machine.robot.hub.model.sensor_ports:
+        self._letter = self._context.port_letter(port)
+        self._address = get_exact_int(address)
+        if self._letter not in self._machine.robot.hub.model.sensor_ports:
             raise os_error(error_numbers.EOPNOTSUPP)
-        if not custom:
+        own = self._machine.own_devices.get(self._letter)
+        if not (custom or isinstance(own, OwnI2c)):
             raise os_error(error_numbers.ENODEV)
+        self._transfers = Awaited(self._context)
 
-    def read(self, *_: Any, **__: Any) -> Any:
-        raise os_error(error_numbers.EIO)
+    def read(
+        self,
+        reg: Any = None,
+        length: Any = 1,
+    ) -> Any:
+        register = self._register(reg)
+        count = get_int(length)
+        expect(0 <= count <= _MAX_I2C_BYTES)
 
-    write = read
+        def take() -> bytes:
+            own = self._answering()
+            data = own.bytes_of(register, count, self._machine.time_ms / 1000)
+            if data is None:
+                raise os_error(error_numbers.EIO)
+            return data
+
+        return self._transfer(register, count, take)
+
+    def write(
+        self,
+        reg: Any = None,
+        data: Any = None,
+    ) -> Any:
+        register = self._register(reg)
+        content = b"" if data is None else data
+        expect(type(content) in (bytes, HubBytearray))
+        written = bytes(content)
+        expect(len(written) <= _MAX_I2C_BYTES)
+
+        def give() -> None:
+            own = self._answering()
+            if not own.take(register, written, self._machine.time_ms / 1000):
+                raise os_error(error_numbers.EIO)
+
+        return self._transfer(register, len(written), give)
+
+    def _register(self, reg: Any) -> int | None:
+        if reg is None:
+            return None
+        register = get_int(reg)
+        expect(0 <= register <= _LAST_REGISTER)
+        return register
+
+    def _answering(self) -> OwnI2c:
+        """The device at the address. Raises OSError (EIO) if there is none."""
+        own = self._machine.own_devices.get(self._letter)
+        if not isinstance(own, OwnI2c) or own.address != self._address:
+            raise os_error(error_numbers.EIO)
+        return own
+
+    def _transfer(
+        self,
+        register: int | None,
+        count: int,
+        end: Callable[[], Any],
+    ) -> Any:
+        """A transfer of so many bytes, after the address and a register."""
+        before = 1 if register is None else 2
+        duration_ms = (before + count) * _I2C_BITS_PER_BYTE * 1000 / _I2C_BITS_PER_S
+        start_ms: int | None = None
+
+        def is_done() -> bool:
+            nonlocal start_ms
+            # An awaitable begins when its task first runs, and not when it is made.
+            if start_ms is None:
+                start_ms = self._machine.time_ms
+            return self._machine.time_ms - start_ms >= duration_ms
+
+        return self._transfers.finish(is_done, end, poll_ms=1)
 
 
 def iodevices_module(context: Context) -> ModuleType:

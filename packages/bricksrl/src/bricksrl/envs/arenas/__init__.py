@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 __all__ = ["ARENAS", "get_arena_task", "make_arena"]
 
-ARENAS = {"Tag-v0": "tag:TAG", "Carry-v0": "carry:CARRY"}
+ARENAS = {"Tag-v0": "tag:TAG", "Carry-v0": "carry:CARRY", "Guide-v0": "guide:GATE"}
 """Module and object of each task."""
 
 
@@ -60,6 +60,7 @@ def make_arena(
     seed: int | None = None,
     physics: Physics | None = None,
     realtime: bool = False,
+    deaf: bool = False,
     batch_size: int | Sequence[int] = 0,
     device: str = "cpu",
 ) -> EnvBase:
@@ -69,6 +70,7 @@ def make_arena(
         env: a name of `ARENAS`, or a task of your own.
         physics: physics of the virtual robots.
         realtime: run in real time.
+        deaf: no robot hears what the others tell it.
         batch_size, device: number of copies (``8``, or ``[8]`` as in TorchRL) of a kinematic
             simulation without hubs, contacts and loads, and the device of its tensors; 0 for the
             arena itself.
@@ -76,10 +78,13 @@ def make_arena(
     Raises:
         UnknownNameError: there is no such arena.
         RunError: there is no such device.
-        DescriptionError: the seed is invalid, or the task has no simulation.
+        DescriptionError: the seed is invalid, the task has no simulation, or its robots tell one
+            another nothing and are to be deaf.
     """
     check_seed(seed)
     task = get_arena_task(env) if isinstance(env, str) else env
+    if deaf and not task.told:
+        raise DescriptionError(f"the robots of {task.id} tell one another nothing; omit deaf")
     from bricksrl.envs.arenas.arena_env import ArenaEnv, ArenaSimulation
     from bricksrl.envs.simulation import batch_shape
 
@@ -101,6 +106,7 @@ def make_arena(
             shape[0],
             seed=seed,
             device=device,
+            deaf=deaf,
         )
     elif device != "cpu":
         raise DescriptionError(
@@ -112,12 +118,14 @@ def make_arena(
             seed=seed,
             physics=physics,
             realtime=realtime,
+            deaf=deaf,
         )
     arena.remake = functools.partial(
         make_arena,
         env,
         physics=physics,
         realtime=realtime,
+        deaf=deaf,
         batch_size=batch_size,
         device=device,
     )

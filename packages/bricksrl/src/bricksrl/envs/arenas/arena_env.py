@@ -6,6 +6,7 @@ slide along walls and pass through one another. It serves for fast training; pol
 in the arena itself.
 """
 
+import functools
 import math
 from typing import Any
 
@@ -18,10 +19,13 @@ from torchrl.envs import EnvBase
 
 from brickhub.hub.link.lockstep import HubLink
 from brickhub.hub.link.robot_link import Reading
+from brickhub.hub.messages import HeardNumber
 from brickhub.seed import derive_seed
+from brickhub.virtual.air import Air
 from brickhub.virtual.link_radio import PLACEMENT_MS
 from brickhub.virtual.virtual_transport import VirtualHub
-from bricksrl.envs.arenas.arena_task import ArenaState, ArenaTask
+from bricksrl.envs.arenas.arena_task import WHEELS, ArenaState, ArenaTask
+from bricksrl.envs.arenas.simulated_air import SimulatedAir
 from bricksrl.envs.connection import Reconnect
 from bricksrl.envs.env_interface import BricksEnv
 from bricksrl.envs.simulation import batch_shape, reseed, resolve_device
@@ -49,7 +53,7 @@ class GroupedEnv(BricksEnv, EnvBase):  # type: ignore[misc]
     key                         shape              meaning
     ==========================  =================  =======================================
     ``(group, observation)``    ``[robots, n]``    of each robot of the group
-    ``(group, action)``         ``[robots, 2]``    in -1..1
+    ``(group, action)``         ``[robots, m]``    in -1..1: of two wheels, then what it tells
     ``(group, reward)``         ``[robots, 1]``    of each robot
     ``terminated``, ...         ``[1]``            of the episode, as for one robot
     ``link_lost``               ``[1]``            the link to one of them broke in this step
@@ -80,7 +84,8 @@ class GroupedEnv(BricksEnv, EnvBase):  # type: ignore[misc]
             else:
                 vector = Unbounded((*shape, len(task.entries)))
             observations[group] = Composite(observation=vector, shape=shape)
-            actions[group] = Composite(action=Bounded(-1.0, 1.0, (*shape, 2)), shape=shape)
+            action = Bounded(-1.0, 1.0, (*shape, task.action_size))
+            actions[group] = Composite(action=action, shape=shape)
             rewards[group] = Composite(reward=Unbounded((*shape, 1)), shape=shape)
         flag = Binary(1, shape=(*copies, 1), dtype=torch.bool)
         self.observation_spec = Composite(
@@ -109,11 +114,11 @@ class GroupedEnv(BricksEnv, EnvBase):  # type: ignore[misc]
         )
 
     def _actions(self, tensordict: TensorDictBase) -> Tensor:
-        """Actions ``[*batch, robots, 2]`` in the arena's order, `clamped`."""
+        """Actions ``[*batch, robots, m]`` in the arena's order, `clamped`."""
         task = self.task
         parts = [torch.empty(0)] * len(self.task.robots)
         for group, names in task.groups.items():
-            shape = (*tensordict.batch_size, len(names), 2)
+            shape = (*tensordict.batch_size, len(names), task.action_size)
             actions = clamped(tensordict[group, "action"], shape, f"{group} of {task.id}")
             # The robots of a group need not stand side by side in the arena.
             for index, action in zip(task.places(group), actions.unbind(-2), strict=True):
@@ -179,10 +184,11 @@ class GroupedEnv(BricksEnv, EnvBase):  # type: ignore[misc]
         robot ``[*batch, robots, n]``."""
         dtype = torch.bool if len(shape) == 1 else torch.float32
         shape = (*self.batch_size, *shape)
-        given = f"{value!r:.40}"
-        if isinstance(value, Tensor):
-            if value.shape == shape and value.dtype == dtype:
-                return value
+        if not isinstance(value, Tensor):
+            given = f"{value!r:.40}"
+        elif value.shape == shape and value.dtype == dtype:
+            return value
+        else:
             given = f"of shape {list(value.shape)} and {value.dtype}"
         raise DescriptionError(
             f"{name} of {self.task.id} is {given}; compute a tensor of shape {list(shape)} "
@@ -201,6 +207,7 @@ class ArenaEnv(GroupedEnv):
         seed: seed of all random numbers; ``None`` for a different one each time.
         physics: physics of all robots.
         realtime: run in real time.
+        deaf: whether no hub hears another.
     """
 
     reconnect: Reconnect
@@ -212,8 +219,10 @@ class ArenaEnv(GroupedEnv):
         seed: int | None = None,
         physics: Physics | None = None,
         realtime: bool = False,
+        deaf: bool = False,
     ) -> None:
         super().__init__(task)
+        self._deaf = deaf
         self._physics = physics
         self._realtime = realtime
         self._world: ArenaWorld | None = None
@@ -225,7 +234,7 @@ class ArenaEnv(GroupedEnv):
             [(command.low, command.high) for command in interface.commands]
             for interface in task.interfaces
         ]
-        ranges = torch.tensor(spans)  # [robots, 2, ends]
+        ranges = torch.tensor(spans)  # [robots, commands, ends]
         self._low = ranges[..., 0]
         self._high = ranges[..., 1]
         self._set_seed(seed)
@@ -233,8 +242,9 @@ class ArenaEnv(GroupedEnv):
 
     def _set_seed(self, seed: int | None) -> None:
         self._seed = seed
-        place, world = np.random.SeedSequence(seed).spawn(2)
+        place, world, drawn = np.random.SeedSequence(seed).spawn(3)
         self._place_rng = np.random.default_rng(place)
+        self._drawn_rng = np.random.default_rng(drawn)
         self._world_seed = int(world.generate_state(1)[0])
         self._close_links()
         self._world = None
@@ -259,6 +269,11 @@ class ArenaEnv(GroupedEnv):
             self._hubs.append(hub)
             self._links.append(HubLink(hub, body.robot, self.task.interfaces[number]))
         world.runners = [hub.run_on_until for hub in self._hubs]
+        if not self._deaf:
+            antennas = [hub.machine.antenna for hub in self._hubs]
+            distance_m = functools.partial(_distance_m, world)
+            air = Air(antennas, distance_m, derive_seed(self._world_seed, "air"))
+            world.on_time.append(air.carry)
         return world
 
     @property
@@ -287,13 +302,38 @@ class ArenaEnv(GroupedEnv):
             for hub in self._hubs:
                 hub.run_on_until(now_ms + PLACEMENT_MS)
             world.place(self._place_rng)
-            self._angles = self._wheels([link.read() for link in self._links])
+            readings = self._first_readings()
         except (HubError, StoppedError):
             self._close_links()
             raise
-        self._state = ArenaState(self._poses(), torch.zeros(len(self._links), 2))
+        self._angles = self._wheels(readings)
+        self._state = ArenaState(
+            self._poses(),
+            torch.zeros(len(self._links), WHEELS),
+            self._heard(readings),
+            self._draw(),
+        )
         self._step_count.zero_()
         return self._state
+
+    def _first_readings(self) -> list[Reading]:
+        """Readings at the start of an episode."""
+        if not self.task.told:
+            return [link.read() for link in self._links]
+        # The hubs still tell what they were told last, in another episode.
+        return self._exchange([[0.0] * self.task.action_size] * len(self._links))
+
+    def _exchange(self, commands: list[list[float]]) -> list[Reading]:
+        """Readings after a step with these commands, ``[robots][commands]``."""
+        # All robots are commanded before one is read, so that they move at the same time.
+        for link, values in zip(self._links, commands, strict=True):
+            link.send(values)
+        return [link.receive() for link in self._links]
+
+    def _draw(self) -> Tensor:
+        """Numbers that are drawn at the start of an episode, ``[n]``."""
+        drawn = [self._drawn_rng.uniform(low, high) for low, high in self.task.drawn]
+        return torch.tensor(drawn, dtype=torch.float32)
 
     def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
         before = self._state
@@ -302,10 +342,7 @@ class ArenaEnv(GroupedEnv):
         actions = self._actions(tensordict)
         commands = self._low + (actions + 1.0) / 2.0 * (self._high - self._low)
         try:
-            # All robots are commanded before one is read, so that they move at the same time.
-            for link, values in zip(self._links, commands.tolist(), strict=True):
-                link.send(values)
-            readings = [link.receive() for link in self._links]
+            readings = self._exchange(commands.tolist())
         except HubError as error:
             # The last observation stands for all robots, and is truncated.
             self.link_error = error
@@ -328,8 +365,21 @@ class ArenaEnv(GroupedEnv):
         # direction.
         turned_deg = (angles - self._angles + 180.0) % 360.0 - 180.0
         self._angles = angles
-        self._state = ArenaState(self._poses(), turned_deg / self._high)
+        self._state = ArenaState(
+            self._poses(),
+            turned_deg / self._high[:, :WHEELS],
+            self._heard(readings),
+            before.drawn,
+        )
         return self._outcome(before, self._state)
+
+    def _heard(self, readings: list[Reading]) -> Tensor:
+        """What each robot has heard, ``[robots, n]``."""
+        heard = []
+        for reading, interface in zip(readings, self.task.interfaces, strict=True):
+            pairs = zip(interface.channels, reading.values, strict=True)
+            heard.append([value for channel, value in pairs if isinstance(channel, HeardNumber)])
+        return torch.tensor(heard)
 
     def _wheels(self, readings: list[Reading]) -> Tensor:
         """Angles of the left and the right wheel, ``[robots, 2]``."""
@@ -360,9 +410,21 @@ class ArenaEnv(GroupedEnv):
         self._close_links()
 
 
+def _distance_m(
+    world: ArenaWorld,
+    one: int,
+    other: int,
+) -> float:
+    """Distance of two robots."""
+    here = world.bodies[one].pose()
+    there = world.bodies[other].pose()
+    return math.hypot(here.x_m - there.x_m, here.y_m - there.y_m)
+
+
 class ArenaSimulation(GroupedEnv):
-    """Copies ``[copies]`` of a task without loads. Raises DescriptionError if the task has no
-    simulation, or ``copies`` is invalid; RunError if there is no such device."""
+    """Copies ``[copies]`` of a task without loads; ``deaf``: whether no robot hears another. Raises
+    DescriptionError if the task has no simulation, or ``copies`` is invalid; RunError if there is
+    no such device."""
 
     def __init__(
         self,
@@ -371,6 +433,7 @@ class ArenaSimulation(GroupedEnv):
         *,
         seed: int | None = None,
         device: torch.device | str = "cpu",
+        deaf: bool = False,
     ) -> None:
         device = resolve_device(device)
         super().__init__(task, batch_shape(copies), device)
@@ -383,7 +446,7 @@ class ArenaSimulation(GroupedEnv):
                 raise DescriptionError(
                     f"{task.id}: only robots with a drive base, and no loads, are simulated so"
                 )
-            travel_deg.append([command.high for command in interface.commands])
+            travel_deg.append([command.high for command in interface.commands[:WHEELS]])
             track_m.append(base.axle_track_mm / 1000)
             radius_m.append(base.wheel_diameter_mm / 2000)
         travel = torch.deg2rad(torch.tensor(travel_deg, device=device))  # [robots, 2]
@@ -397,32 +460,35 @@ class ArenaSimulation(GroupedEnv):
         bounds[:, 2] = -torch.deg2rad(headings_deg.flip(-1))
         self._low, self._high = bounds.unbind(-1)
         self._rng = torch.Generator(device=self.device)
+        self._deaf = deaf
+        self._air: SimulatedAir | None = None
         self._set_seed(seed)
         robots = len(task.robots)
-        poses = torch.zeros(
-            copies,
-            robots,
-            3,
-            device=device,
+        self._state = ArenaState(
+            poses=torch.zeros(copies, robots, 3, device=device),
+            moved=torch.zeros(copies, robots, WHEELS, device=device),
+            heard=torch.zeros(copies, robots, task.heard_size, device=device),
+            drawn=torch.zeros(copies, len(task.drawn), device=device),
         )
-        moved = torch.zeros(
-            copies,
-            robots,
-            2,
-            device=device,
-        )
-        self._state = ArenaState(poses, moved)
         self._lag = torch.zeros(copies, 1, 1, device=device)
         self._last_command = torch.zeros(
             copies,
             robots,
-            2,
+            WHEELS,
             device=device,
         )
 
     def _set_seed(self, seed: int | None) -> None:
         self._seed = seed
         reseed(self._rng, seed)
+        if self.task.told and not self._deaf:
+            self._air = SimulatedAir(
+                copies=self.batch_size[0],
+                robots=len(self.task.robots),
+                told=self.task.told,
+                step_ms=self.task.interfaces[0].settle.longest_ms,
+                seed=self._rng.initial_seed(),
+            )
 
     def _uniform(self, *shape: int) -> Tensor:
         return torch.rand(shape, generator=self._rng, device=self.device)
@@ -467,7 +533,18 @@ class ArenaSimulation(GroupedEnv):
         moved = self._state.moved.clone()
         poses[is_reset] = self._starts(count)
         moved[is_reset] = 0.0
-        self._state = ArenaState(poses, moved)
+        heard = self._state.heard.clone()
+        if self._air is not None:
+            heard[is_reset] = self._air.restart(is_reset)
+        drawn = self._state.drawn.clone()
+        for index, (low, high) in enumerate(self.task.drawn):
+            drawn[is_reset, index] = low + (high - low) * self._uniform(count)
+        self._state = ArenaState(
+            poses,
+            moved,
+            heard,
+            drawn,
+        )
         self._last_command[is_reset] = 0.0
         low, high = LAG
         self._lag[is_reset] = low + (high - low) * self._uniform(count, 1, 1)
@@ -475,7 +552,7 @@ class ArenaSimulation(GroupedEnv):
 
     def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
         before = self._state
-        actions = self._actions(tensordict)
+        actions, told = self._actions(tensordict).split((WHEELS, self.task.told), -1)
         noise = NOISE * torch.randn(actions.shape, generator=self._rng, device=self.device)
         # Motors need time to speed up, so a part of the last command is still carried out.
         moved = (1.0 - self._lag) * actions + self._lag * self._last_command + noise
@@ -494,5 +571,11 @@ class ArenaSimulation(GroupedEnv):
             x = x.clamp(-half_x + MARGIN_M, half_x - MARGIN_M)
             y = y.clamp(-half_y + MARGIN_M, half_y - MARGIN_M)
         poses = torch.stack((x, y, heading + turn), -1)
-        self._state = ArenaState(poses, moved)
+        heard = before.heard if self._air is None else self._air.step(told)
+        self._state = ArenaState(
+            poses,
+            moved,
+            heard,
+            before.drawn,
+        )
         return self._outcome(before, self._state)

@@ -4,18 +4,24 @@ All functions are batched: a state has poses ``[*batch, things, 3]`` of the robo
 loads; values of the robots have the shape ``[*batch, robots, n]``.
 """
 
+import functools
 import re
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import Annotated
 
 import torch
 from torch import Tensor
 
 from brickhub.entry import Entry
-from brickhub.fields import check_arguments, check_fields
+from brickhub.fields import Range, check_arguments, check_fields
 from brickhub.hub.interface import Interface, RunAngle
+from brickhub.hub.messages import Exchange, HeardNumber, TellNumber
+from brickhub.hub.protocol import MAX_ACTIONS
 from bricksrl.errors import DescriptionError, hint
 from bricktwin.twin.arena import Arena
+
+WHEELS = 2
 
 
 @dataclass(frozen=True)
@@ -27,10 +33,15 @@ class ArenaState:
             counter-clockwise, 0 along x.
         moved: ``[*batch, robots, 2]``: turn of the left and the right wheel in the last step, as a
             share of the largest command.
+        heard: ``[*batch, robots, n]``: what each robot's hub has heard: all numbers of the first
+            other robot, then those of the next; 0 where nothing was heard for a second.
+        drawn: ``[*batch, n]``: numbers that were drawn at the start of the episode.
     """
 
     poses: Tensor
     moved: Tensor
+    heard: Tensor = field(default_factory=lambda: torch.zeros(0))
+    drawn: Tensor = field(default_factory=lambda: torch.zeros(0))
 
 
 @dataclass(frozen=True)
@@ -41,7 +52,8 @@ class ArenaTask:
         id: name and version, such as ``"Tag-v0"``.
         doc: the description; its first line is the summary.
         interfaces: interface of each of the arena's robots, with `RunAngle` of the left and of the
-            right wheel, equally far back and forth, and the `MotorAngle` of both.
+            right wheel, equally far back and forth, and the `MotorAngle` of both. What the robots
+            tell one another is added to them.
         groups: names of the robots that learn together, by group; each robot is in one. By default
             the first group learns.
         max_steps: steps after which an episode is truncated.
@@ -51,9 +63,13 @@ class ArenaTask:
         terminated: maps a state to ``[*batch, 1]`` bool.
         success: maps the state after the last step to ``[*batch, 1]`` bool.
         scripts: hand-written policies by name, from an observation ``[*batch, n]`` of one robot to
-            its action ``[*batch, 2]``.
+            its action ``[*batch, 2 + told]``.
         opponents: script of each group while it does not learn, or several separated by commas for
             the copies in turn.
+        told: numbers in -1..1 that each robot tells the others in a step, from hub to hub over the
+            air; they come last in its action.
+        drawn: range of each number that is drawn uniformly at the start of an episode, such as
+            where a goal is.
     """
 
     id: str
@@ -69,6 +85,8 @@ class ArenaTask:
     success: Callable[[ArenaState], Tensor]
     scripts: Mapping[str, Callable[[Tensor], Tensor]] = field(default_factory=dict)
     opponents: Mapping[str, str] = field(default_factory=dict)
+    told: Annotated[int, Range(0, MAX_ACTIONS - WHEELS)] = 0
+    drawn: tuple[tuple[float, float], ...] = ()
 
     def __post_init__(self) -> None:
         check_fields(ArenaTask, vars(self))
@@ -100,6 +118,11 @@ class ArenaTask:
                 )
             for name in opponents.split(","):
                 self.script(name)
+        interfaces = [
+            _telling(interface, number, len(names), self.told)
+            for number, interface in enumerate(self.interfaces)
+        ]
+        object.__setattr__(self, "interfaces", tuple(interfaces))
         for interface in self.interfaces:
             if not _drives_two_wheels(interface):
                 wanted = (
@@ -111,7 +134,10 @@ class ArenaTask:
     def script(self, name: str) -> Callable[[Tensor], Tensor]:
         """The hand-written policy of a name, or ``random``. Raises DescriptionError if there is
         none."""
-        known = {"random": _random, **self.scripts}
+        known: dict[str, Callable[[Tensor], Tensor]] = {
+            "random": functools.partial(_random, size=self.action_size),
+            **self.scripts,
+        }
         if name not in known:
             raise DescriptionError(
                 f"task {self.id}: there is no script '{name}'; choose {', '.join(known)}"
@@ -123,23 +149,53 @@ class ArenaTask:
         """Names of the robots, in the arena's order."""
         return tuple(robot.name for robot in self.arena.robots)
 
+    @property
+    def action_size(self) -> int:
+        """Numbers of each robot's action: those of its wheels, then what it tells."""
+        return WHEELS + self.told
+
+    @property
+    def heard_size(self) -> int:
+        """Numbers that each robot hears."""
+        return self.told * (len(self.robots) - 1)
+
     def places(self, group: str) -> list[int]:
         """Indices of a group's robots among all robots."""
         return [self.robots.index(name) for name in self.groups[group]]
 
 
 def _drives_two_wheels(interface: Interface) -> bool:
-    """Whether an interface turns and observes a left and a right wheel, and does nothing else."""
+    """Whether an interface turns and observes a left and a right wheel, and does nothing else than
+    to tell and to hear."""
     turns = [command for command in interface.commands if isinstance(command, RunAngle)]
     wheels = [turn.motor for turn in turns if turn.low == -turn.high]
-    is_all = len(interface.commands) == len(wheels)
+    moves = [command for command in interface.commands if not isinstance(command, TellNumber)]
+    is_all = len(moves) == len(wheels)
     is_observed = set(interface.angle_indices) == set(wheels)
     return wheels == ["left", "right"] and is_all and is_observed
 
 
-def _random(observation: Tensor) -> Tensor:
+def _telling(
+    interface: Interface,
+    number: int,
+    robots: int,
+    told: int,
+) -> Interface:
+    """The interface of a robot, by its number, with what it tells and hears."""
+    # It may have been added already, to a task of which this one is a copy.
+    commands = [one for one in interface.commands if not isinstance(one, TellNumber)]
+    channels = [one for one in interface.channels if not isinstance(one, HeardNumber)]
+    if told:
+        others = tuple(other for other in range(robots) if other != number)
+        exchange = Exchange(number, others, told)
+        commands += exchange.commands
+        channels += exchange.channels
+    return replace(interface, commands=tuple(commands), channels=tuple(channels))
+
+
+def _random(observation: Tensor, size: int) -> Tensor:
     batch = observation.shape[:-1]
-    return 2.0 * torch.rand(*batch, 2, device=observation.device) - 1.0
+    return 2.0 * torch.rand(*batch, size, device=observation.device) - 1.0
 
 
 _ARGUMENTS = {

@@ -331,7 +331,7 @@ def make_group(
     low = torch.tensor([entry.low for entry in env.task.entries])
     high = torch.tensor([entry.high for entry in env.task.entries])
     robots = len(env.task.groups[group])
-    size = 2
+    size = env.task.action_size
     if agent == "sac":
         return SACGroup(
             group,

@@ -40,6 +40,7 @@ class TeamConfig:
         frames: total steps of all copies.
         copies: number of copies of the kinematic simulation; 0 trains in the arena itself, with its
             hubs.
+        deaf: train robots that do not hear what the others tell them.
     """
 
     env: str
@@ -48,6 +49,7 @@ class TeamConfig:
     frames: Annotated[int, Range(1, MAX_FRAMES)] = 500_000
     copies: Annotated[int, Range(0, MAX_COPIES)] = 256
     seed: int = 0
+    deaf: bool = False
 
     def __post_init__(self) -> None:
         check_seed(self.seed)
@@ -136,7 +138,12 @@ def train_team(
     Raises UnknownNameError or DescriptionError if there is no such arena, group, agent or
     script."""
     settings = settings or TeamSettings()
-    env = make_arena(config.env, seed=derive_seed(config.seed, "arena"), batch_size=config.copies)
+    env = make_arena(
+        config.env,
+        seed=derive_seed(config.seed, "arena"),
+        deaf=config.deaf,
+        batch_size=config.copies,
+    )
     with reproducible(derive_seed(config.seed, "team")):
         team = _new_team(env, config, settings)
         _learn(
