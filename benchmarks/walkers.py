@@ -1,10 +1,12 @@
 """Walkers of different legs: what each of `examples/walkers` learns within two minutes.
 
     python -m benchmarks walkers
+    python -m benchmarks walkers --plans ev3_six_legs
 
 Each seed searches by the agent `gait`, for the steps that two minutes of the robot have. The gait
 that it keeps is evaluated in two episodes: its speed, the largest tilt, and how often it falls. A
-hub without an IMU does not notice its fall, so tilt and falls are those of the body.
+hub without an IMU does not notice its fall, so tilt and falls are those of the body. Other walkers
+stay in the result.
 """
 
 from __future__ import annotations
@@ -135,20 +137,22 @@ def described(path: Path) -> dict[str, Any]:
 
 def main(session: Session) -> None:
     """Measure, and write."""
-    plans = sorted(FOLDER.glob("*.ldr"))
-    args = session.parse(seeds=5)
+    files = {plan.stem: plan for plan in sorted(FOLDER.glob("*.ldr"))}
+    args = session.parse(plans=list(files), seeds=5)
+    plans = [files[name] for name in args.plans]
     seeds = range(FIRST_SEED, FIRST_SEED + args.seeds)
     parts = {f"{plan.stem}-{seed}": (plan, seed) for plan in plans for seed in seeds}
     found = list(session.outcomes(search, parts))
-    walkers: dict[str, Any] = {}
+    known: dict[str, Any] = session.known().get("walkers", {})
     for number, plan in enumerate(plans):
         own = found[number * args.seeds : (number + 1) * args.seeds]
         speeds_m_s = [one["speed_m_s"] for one in own]
-        walkers[plan.stem] = {
+        known[plan.stem] = {
             **described(plan),
             "least_m_s": min(speeds_m_s),
             "mean_m_s": round(sum(speeds_m_s) / len(own), 4),
             "falls": sum(one["falls"] for one in own),
             "seeds": own,
         }
+    walkers = {name: known[name] for name in files if name in known}
     session.write({"robot_s": ROBOT_S, "episodes": EPISODES, "walkers": walkers})
