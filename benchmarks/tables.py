@@ -1060,7 +1060,7 @@ def walkers(result: Result) -> str:
                 f"{found['mass_g']} g",
                 f"{1000 * found['least_m_s']:.0f}",
                 f"{1000 * found['mean_m_s']:.0f}",
-                number(max((seed.get("tilt_deg", 0.0) for seed in found["seeds"]))),
+                number(max(seed.get("tilt_deg", 0.0) for seed in found["seeds"])),
                 str(found["falls"]),
             ]
         )

@@ -35,8 +35,8 @@ _MODULE = 20.0
 """Distance between holes, LDU. A connection that is as deep as this holds, however long its parts
 are."""
 _MESH_TOLERANCE = 1.0
-"""Error up to which two gears mesh, across their teeth, LDU: 0.4 mm. So far apart, gears of 8 and 24
-teeth (module 1 mm, pressure angle 20 deg) still have a contact ratio of 1.09."""
+"""Error up to which two gears mesh, across their teeth, LDU: 0.4 mm. So far apart, gears of 8 and
+of 24 teeth (module 1 mm, pressure angle 20 deg) still have a contact ratio of 1.09."""
 _NEAR_TOLERANCE = 9.0
 """Error of two gears' distance above which they are unrelated, LDU. An error between the two limits
 is a mistake, which is reported."""
