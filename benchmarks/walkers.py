@@ -54,7 +54,8 @@ class Watch(Callback):
 
 def tilt_deg(env: Any) -> float:
     """Pitch or roll of a virtual robot's body, the larger one."""
-    return max(map(abs, env.twin.body.tilt_deg()))
+    pitch_deg, roll_deg = env.twin.body.tilt_deg()
+    return float(max(abs(pitch_deg), abs(roll_deg)))
 
 
 def task_of(plan: Path) -> str:

@@ -158,7 +158,9 @@ def base_for(config: TrainConfig, env: EnvBase) -> Base:
                 "transforms"
             )
         observed = list(observed_specs(env))
-        controller = controller_of(config.env, interface_of(env).task)
+        # Every environment that has a controller has a task.
+        task = interface_of(env).task
+        controller = CONTROLLERS[config.env] if task is None else controller_of(config.env, task)
         return Base(Scripted(controller, observed))
     policy = load_learner(str(config.base), env).learner.policy
     # One with a memory would have to be told of each episode, also for rows of a batch.
