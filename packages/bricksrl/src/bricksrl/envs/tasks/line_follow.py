@@ -142,12 +142,15 @@ class Edge:
         off_pct = self._off_pct(observation)
         near = (1.0 - off_pct / self.bare_pct).clamp(min=0.0)
         # Brighter than the edge means left of it, where a turn to the right finds it again.
-        towards = (observation[..., :1] - self.edge_pct).sign() * turn
+        side = (observation[..., :1] - self.edge_pct).sign()
+        back = 0.25 * side * turn - 0.5
         is_lost = off_pct >= self.bare_pct
-        return near * (0.75 + 0.25 * speed) + (0.25 * towards - 0.5) * is_lost
+        following = near * (0.75 + 0.25 * speed)
+        return following + back * is_lost
 
     def _on_line_share(self, observations: Tensor) -> Tensor:
-        is_on_line = self._off_pct(observations)[..., 0] < self.bare_pct
+        off_pct = self._off_pct(observations)[..., 0]
+        is_on_line = off_pct < self.bare_pct
         return is_on_line.float().mean(-1)
 
     def success(self, observations: Tensor) -> Tensor:
@@ -158,9 +161,11 @@ class Edge:
     def metrics(self, observations: Tensor) -> dict[str, Tensor]:
         """Share of the steps on the line and mean distance from the edge of the episode ``[*batch,
         steps, n]``; ``[*batch]``."""
+        off_pct = self._off_pct(observations)[..., 0]
+        share = self._on_line_share(observations)
         return {
-            "on_line_share": self._on_line_share(observations),
-            "mean_off_pct": self._off_pct(observations)[..., 0].mean(-1),
+            "on_line_share": share,
+            "mean_off_pct": off_pct.mean(-1),
         }
 
 
