@@ -931,6 +931,33 @@ def kit_learning(result: Result) -> str:
     return table([*head, "SAC on the cart", "with a hub", "share", "from random actions on"], rows)
 
 
+def ev3_learning(result: Result) -> str:
+    """Tasks on the EV3 driver over the rates of its link, next to the robots with a SPIKE hub."""
+    rows = []
+    for env_id, entry in result["environments"].items():
+        ev3, hub, runs = entry["ev3"], entry["hub"], entry["seeds"]
+        learned = [
+            within(each["return_mean"], each["return_interval"], len(runs)) for each in (ev3, hub)
+        ]
+        success = f"{percent(ev3['success_rate'])} ({percent(hub['success_rate'])})"
+        by_exchange = ", ".join(number(run["return_mean"]) for run in runs)
+        shares = number(entry["share_of_return"]), number(entry["share_of_score"])
+        seeds = f"{len(runs)} x {entry['episodes']}"
+        rows.append([f"`{env_id}`", seeds, *learned, success, by_exchange, *shares])
+    exchanges = ", ".join(f"{run['exchange_ms']:g}" for run in runs)
+    head = [
+        "task",
+        "seeds x episodes",
+        "SAC on the EV3 driver",
+        "with a SPIKE hub",
+        "success (with a SPIKE hub)",
+        f"return of each seed; an exchange takes {exchanges} ms",
+        "share",
+        "from random actions on",
+    ]
+    return table(head, rows)
+
+
 _ON_BOTH: dict[str, Callable[[Any], str]] = {
     "step_ms": str,
     "scripted_return": number,
@@ -1071,16 +1098,19 @@ def walkers(result: Result) -> str:
                 f"{found['mass_g']} g",
                 f"{1000 * found['least_m_s']:.0f}",
                 f"{1000 * found['mean_m_s']:.0f}",
+                number(max(seed.get("tilt_deg", 0.0) for seed in found["seeds"])),
                 str(found["falls"]),
             ]
         )
-    head = ["walker", "parts", "mass", "slowest seed, mm/s", "mean of 5 seeds, mm/s", "falls"]
+    head = ["walker", "parts", "mass", "slowest seed, mm/s", "mean of 5 seeds, mm/s"]
+    head += ["largest tilt, degrees", "falls"]
     return table(head, rows)
 
 
 SECTIONS: dict[str, tuple[str, Callable[[Result], str]]] = {
     "robots": ("SAC on each robot, with the paper's number of episodes", robots),
     "kit_learning": ("SAC on the cart of LEGO's kits, through LEGO's package", kit_learning),
+    "ev3_learning": ("SAC on the EV3 driver, over the rates of its link", ev3_learning),
     "baselines": ("Random actions and hand-written controllers (return, success)", baselines),
     "learning": ("Learning in the simulations, evaluated without exploration", learning),
     "copies": ("Learning from many copies of WalkerSim-v0 at once, start-up included", copies),

@@ -86,6 +86,17 @@ def test_latency(told, fails) -> None:
     )
 
 
+def test_cable_has_no_connection_interval(told, tmp_path) -> None:
+    path = tmp_path / "rover.py"
+    path.write_text(
+        "from brickhub.robot import HubKind, Motor, MotorKind, Robot\n"
+        "ROVER = Robot('rover', HubKind.EV3, (Motor('left', 'B', MotorKind.EV3_LARGE),))\n"
+    )
+    code, out = told("latency", str(path), "--hub", "virtual", "--exchanges", "5")
+    assert code == 0 and "round trip           p50" in out
+    assert "interval" not in out
+
+
 def test_good_robot_passes_check(told) -> None:
     code, out = told("check", CAR, "--hub", "virtual", "--link", "mac", "--yes")
     assert code == 0

@@ -23,7 +23,7 @@ from brickhub.hub.interface import (
     SensorReading,
     YawRate,
 )
-from brickhub.robot import Direction, PoweredUpSensor, Robot, SensorKind
+from brickhub.robot import Direction, HubKind, Motor, MotorKind, PoweredUpSensor, Robot, SensorKind
 
 MIRRORED = replace(WALKER, mirrored=(("left_front", "right_front"), ("left_back", "right_back")))
 """Legs on the two sides turn in opposite directions, so that their angles count alike."""
@@ -31,6 +31,16 @@ ALIKE = replace(
     TWO_WHEELER,
     motors=tuple(replace(motor, direction=Direction.CLOCKWISE) for motor in TWO_WHEELER.motors),
     mirrored=(("left", "right"),),
+)
+TWO_SIDED = replace(
+    ALIKE,
+    hub=HubKind.EV3,
+    motors=(
+        Motor("left", "B", MotorKind.EV3_LARGE),
+        Motor("right", "C", MotorKind.EV3_LARGE),
+    ),
+    sensors=(),
+    needs_imu=False,
 )
 
 
@@ -55,6 +65,8 @@ ALIKE = replace(
         # Two motors that count alike are mirror images that turn the other way.
         (MotorAngle("left"), ALIKE, ("right_angle", -1)),
         (RunAngle("right", -100, 100, 400), ALIKE, ("left", -1)),
+        # The shafts of EV3's large motors go through, so that both sides have them alike.
+        (MotorAngle("left"), TWO_SIDED, ("right_angle", 1)),
     ],
 )
 def test_numbers_in_a_mirror(number: WireNumber, robot: Robot, expected: tuple[str, int]) -> None:

@@ -124,6 +124,30 @@ def test_gears_at_right_angle_turn_at_the_ratio_of_their_teeth(first, second, at
     assert mesh.motion.sum(axis=0) == pytest.approx(np.zeros(6))
 
 
+@pytest.mark.parametrize(
+    ("first", "second", "at", "ahead", "is_good"),
+    [
+        # Of 20 teeth and 36, the cones are 29 and 61 degrees wide to a side.
+        ("18575", "32498", 51.9, 30.0, True),
+        ("18575", "32498", 52.2, 30.0, False),
+        ("18575", "32498", 50.0, 31.1, True),
+        ("18575", "32498", 50.0, 31.2, False),
+        # The teeth of a crown gear stand along its axis.
+        ("3650c", "10928", 22.9, 30.0, True),
+        ("3650c", "10928", 23.1, 30.0, False),
+    ],
+)
+def test_gear_that_is_off_along_its_axle_parts_its_teeth_by_the_slope_of_its_cone(
+    first, second, at, ahead, is_good
+):
+    plan = plan_of(
+        f"1 4 0 0 {-at} 1 0 0 0 1 0 0 0 1 {first}.dat",
+        f"1 4 {ahead} 0 0 0 0 1 0 1 0 -1 0 0 {second}.dat",
+    )
+    (mesh,) = meshes(plan.parts)
+    assert mesh.is_good == is_good
+
+
 @pytest.mark.parametrize(("at", "ahead"), [(30, 20), (22, 55), (-22, 20)])
 def test_crown_gear_does_not_reach_a_spur_gear_that_is_not_in_front_of_its_teeth(at, ahead):
     plan = plan_of(
@@ -183,6 +207,28 @@ def test_differential_averages_axles():
     # the first body, at rest, is the differential itself
     assert np.allclose(left, -right, atol=1e-6)
     assert [plan.parts[part].part.name for part in bodies.members[0]] == ["Differential 28"]
+
+
+@pytest.mark.parametrize("ring", ["65413", "69761"])
+def test_differential_of_five_gears_averages_axles(ring):
+    """Three gears of 12 on the pegs, between those on both axles; clips hold the two halves."""
+    pegs = [(0.0, -1.0), (0.866, 0.5), (-0.866, 0.5)]
+    plan, structure = solved(
+        "1 4 0 0 -20 1 0 0 0 1 0 0 0 1 65414.dat",
+        f"1 4 0 0 20 1 0 0 0 1 0 0 0 1 {ring}.dat",
+        "1 7 0 0 -17 1 0 0 0 1 0 0 0 1 6589.dat",
+        "1 7 0 0 17 -1 0 0 0 1 0 0 0 -1 6589.dat",
+        *(f"1 7 {17 * x} {17 * y} 0 {-y} 0 {-x} {x} 0 {-y} 0 -1 0 6589.dat" for x, y in pegs),
+        "1 0 0 0 -40 0 0 1 0 1 0 -1 0 0 4519.dat",
+        "1 0 0 0 40 0 0 1 0 1 0 -1 0 0 4519.dat",
+    )
+    bodies = structure.bodies
+    assert sum(mesh.is_good for mesh in structure.meshes) == 6
+    assert [plan.parts[part].part.number for part in bodies.members[0]] == ["65414", ring]
+    motions = bodies.motions()
+    left, right = (motions[6 * body_of(bodies, part) + 5] for part in (2, 3))
+    assert np.abs(left).max() > 0.1
+    assert np.allclose(left, -right, atol=1e-6)
 
 
 def test_studs_connect_plates_and_bricks():

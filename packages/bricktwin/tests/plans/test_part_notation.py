@@ -49,9 +49,10 @@ def test_sites_have_a_kind_an_axis_and_centres() -> None:
         (" tilted 90", (5, 0, 10), (0, -1, 0)),
         (" tilted -90", (5, 0, -10), (0, 1, 0)),
         (" tilted 45", (5, 10 * ROOT_HALF, 10 * ROOT_HALF), (0, -ROOT_HALF, ROOT_HALF)),
+        (" turned 90", (-10, 5, 0), (0, 0, 1)),
     ],
 )
-def test_tilted_group_turns_about_x(
+def test_tilted_group_turns_about_x_and_a_turned_one_about_z(
     tilt: str, centre: tuple[float, float, float], axis: tuple[float, float, float]
 ) -> None:
     (site,) = sites(f"o z20{tilt}: 5,10,0")

@@ -244,6 +244,9 @@ class MeasureLatency(SavesNothing):
         )
         if result.link_share is not None:
             print_line(f"of a step            {percent(result.link_share)} is the link")
+        # A cable has no connection interval.
+        if not target.robot.hub.model.has_bluetooth:
+            return
         print_line(f"connection interval  {result.interval_ms:g} ms (inferred: half a round trip)")
         if not result.is_slow:
             return

@@ -351,6 +351,8 @@ class MotorModel:
             of a hub.
         is_absolute: whether its rotation sensor knows the shaft's angle after plugging in.
         has_encoder: whether it has a rotation sensor; without one, it takes only a duty cycle.
+        is_two_sided: whether its shaft goes through, so that one on the left and one on the right
+            are mounted alike; others are mounted the other way round.
     """
 
     name: str
@@ -360,6 +362,7 @@ class MotorModel:
     case: str = ""
     is_absolute: bool = True
     has_encoder: bool = True
+    is_two_sided: bool = False
 
     @property
     def class_name(self) -> str:
@@ -399,11 +402,24 @@ class MotorKind(_Kind):
         like="technic-l",
         has_encoder=False,
     )
-    EV3_LARGE = MotorModel("ev3-large", 86, "ev3devices", is_absolute=False)
+    EV3_LARGE = MotorModel(
+        "ev3-large",
+        86,
+        "ev3devices",
+        is_absolute=False,
+        is_two_sided=True,
+    )
     EV3_MEDIUM = MotorModel("ev3-medium", 87, "ev3devices", is_absolute=False)
     # An EV3 Brick measures nearly the same voltage at its plug as at that of the large motor, and
     # takes it for one.
-    NXT = MotorModel("nxt-motor", 86, "ev3devices", like="ev3-large", is_absolute=False)
+    NXT = MotorModel(
+        "nxt-motor",
+        86,
+        "ev3devices",
+        like="ev3-large",
+        is_absolute=False,
+        is_two_sided=True,
+    )
 
 
 class Sense(enum.StrEnum):

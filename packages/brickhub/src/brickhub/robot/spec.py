@@ -381,11 +381,15 @@ class Robot:
         factor of its angle there. A mirror image turns the other way, seen from its shaft."""
         pairs = dict(self.mirrored) | {second: first for first, second in self.mirrored}
         other = pairs.get(name, name)
-        directions = {motor.direction for motor in self.motors if motor.name in (name, other)}
-        # Two motors with opposite directions already count alike in a mirror, and sensors have no
-        # direction.
-        turns_other_way = name in pairs and len(directions) == 1
-        return other, -1 if turns_other_way else 1
+        motors = [motor for motor in self.motors if motor.name in (name, other)]
+        # Sensors have no direction.
+        if name not in pairs or not motors:
+            return other, 1
+        count_alike = len({motor.direction for motor in motors}) == 1
+        # Two that are mounted alike turn alike in a mirror; two that look to opposite sides do so
+        # if they count in opposite directions.
+        are_mounted_alike = motors[0].kind.model.is_two_sided
+        return other, 1 if count_alike == are_mounted_alike else -1
 
     def motor(self, name: str) -> Motor:
         """The motor of that name. Raises DescriptionError if the robot has no such motor."""

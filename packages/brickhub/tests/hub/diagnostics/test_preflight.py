@@ -141,6 +141,8 @@ def test_latency_follows_from_round_trips() -> None:
     found = latency([0.09] * 99 + [0.2], interface)
     assert found.interval_ms == pytest.approx(45.0) and found.is_slow
     assert found.link_share == pytest.approx(90 / 340)
+    over_cable = check_latency(found, has_radio=False)
+    assert over_cable.outcome is Outcome.OK and "interval" not in over_cable.detail
     finding = check_latency(found)
     assert finding.outcome is Outcome.WARNING and advice() in finding.detail
     quick = latency([0.0301] * 10, replace(interface, settle=UntilDone()))

@@ -48,7 +48,7 @@ def test_system_errors_name_cause(linux: Path) -> None:
     )
     (linux / "bluetooth/hci0").rmdir()
     assert said_when_the_bus_is_not_there(Reason.NO_ADAPTER).endswith(
-        "no Bluetooth adapter; plug one in"
+        "no Bluetooth adapter; plug one in, or use a cable and --hub usb"
     )
 
 

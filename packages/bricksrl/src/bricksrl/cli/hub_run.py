@@ -57,9 +57,9 @@ class Run(run.Run):
     robot: Annotated[
         UseAppendAction[tuple[str, ...]], option(metavar="ROBOT"), Existing(check_there)
     ] = ()
-    """Virtual robot: two-wheeler, scout, walker, robo-arm, cart or bench; RunAway-v0, with its
-    scene, or another environment; a building plan, my_robot.ldr; my_robot.py. With several programs
-    once for each, in their order: they share one world."""
+    """Virtual robot: two-wheeler, scout, ev3-driver, walker, robo-arm, cart or bench; RunAway-v0,
+    with its scene, or another environment; a building plan, my_robot.ldr; my_robot.py. With several
+    programs once for each, in their order: they share one world."""
     page: PageFlag = False
     live_page: LivePageGroup = PageOptions()
 

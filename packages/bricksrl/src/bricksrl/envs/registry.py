@@ -21,7 +21,7 @@ from bricksrl.envs.arenas import ARENAS
 from bricksrl.envs.base_env import BaseEnv
 from bricksrl.envs.options import TRANSFORMS, EnvOptions
 from bricksrl.envs.task import Kinematics, Task, task_of
-from bricksrl.envs.tasks.line_follow import LINE_FOLLOW
+from bricksrl.envs.tasks.line_follow import line_follow
 from bricksrl.envs.tasks.on_robots import with_robots
 from bricksrl.envs.tasks.park import PARK
 from bricksrl.envs.tasks.robo_arm import robo_arm
@@ -65,7 +65,7 @@ class Registration:
 
 _SIMULATED = " (simulated without a hub, thousands at once)"
 _BUILT_IN = {
-    "LineFollow-v0": Registration(with_robots(LINE_FOLLOW, CART, EV3_DRIVER), episodes=30),
+    "LineFollow-v0": Registration(line_follow, episodes=30),
     "Park-v0": Registration(with_robots(PARK, CART, EV3_DRIVER), episodes=30),
     "RunAway-v0": Registration(run_away),
     "Spinning-v0": Registration(with_robots(SPINNING, CART, EV3_DRIVER), episodes=15),

@@ -13,7 +13,7 @@ from brickhub.tables import read_table
 from bricksrl.agents.features.formula import scaled_entries, with_circles_and_goals
 from bricksrl.envs.reference_returns import REFERENCES
 from bricksrl.envs.task import Task
-from bricksrl.envs.tasks.scripted import CONTROLLERS, ArrayPolicy
+from bricksrl.envs.tasks.scripted import CONTROLLERS, ArrayPolicy, controller_of
 from bricksrl.errors import DescriptionError
 
 FOLDER = Path(__file__).with_name("trained")
@@ -142,7 +142,7 @@ def array_policies(
         "random": lambda: lambda _state: rng.uniform(-1.0, 1.0, size)
     }
     if env_id in CONTROLLERS:
-        policies["scripted"] = lambda: CONTROLLERS[env_id]
+        policies["scripted"] = lambda: controller_of(env_id, task)
     if env_id in TRAINED:
         best = PlainPolicy.load(path_of(env_id))
         policies["best"] = lambda: lambda state: best.act(state["observation"])

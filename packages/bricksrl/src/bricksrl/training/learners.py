@@ -21,7 +21,7 @@ from bricksrl.envs.make import make
 from bricksrl.envs.options import EnvOptions
 from bricksrl.envs.simulation import resolve_device
 from bricksrl.envs.specs import given_specs, observed_specs
-from bricksrl.envs.tasks.scripted import CONTROLLERS
+from bricksrl.envs.tasks.scripted import CONTROLLERS, controller_of
 from bricksrl.envs.transforms import (
     base_of,
     keeps_vectors,
@@ -166,7 +166,10 @@ def base_for(config: TrainConfig, env: EnvBase) -> Base:
                 "transforms"
             )
         observed = list(observed_specs(env))
-        return Base(Scripted(CONTROLLERS[config.env], observed))
+        # Every environment that has a controller has a task.
+        task = interface_of(env).task
+        controller = CONTROLLERS[config.env] if task is None else controller_of(config.env, task)
+        return Base(Scripted(controller, observed))
     policy = load_learner(str(config.base), env).learner.policy
     # One with a memory would have to be told of each episode, also for rows of a batch.
     if hasattr(policy, "reset"):

@@ -61,9 +61,9 @@ class Run(run.Run):
     robot: Annotated[
         UseAppendAction[tuple[str, ...]], option(metavar="ROBOT"), Existing(check_there)
     ] = ()
-    """Virtual robot: two-wheeler, scout, walker, robo-arm, cart or bench; a building plan,
-    my_robot.ldr; my_robot.py. With several programs once for each, in their order: they share one
-    world."""
+    """Virtual robot: two-wheeler, scout, ev3-driver, walker, robo-arm, cart or bench; a building
+    plan, my_robot.ldr; my_robot.py. With several programs once for each, in their order: they share
+    one world."""
     scene: Annotated[str | None, option(metavar="SCENE"), Existing(check_there)] = None
     """Scene of the virtual robot: a world of ours, line-simple, line-sharp, line-junctions,
     line-gaps, line-obstacles, colors, squares, maze, cans, ramps, wall, room, sumo, football,

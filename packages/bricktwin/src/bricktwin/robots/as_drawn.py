@@ -279,11 +279,18 @@ def _mirrored(motors: Sequence[DrawnMotor]) -> Iterator[tuple[str, str]]:
     left_over = list(moving)
     for first, second in itertools.combinations(moving, 2):
         is_free = first in left_over and second in left_over
-        if is_free and _are_mirrored(first.facts, second.facts, moving):
+        are_images = _are_mirrored(first.facts, second.facts, moving)
+        if is_free and are_images and _turn_as_in_mirror(first.facts, second.facts):
             left_over.remove(first)
             left_over.remove(second)
             pair = sorted((first, second), key=lambda motor: -motor.facts.at_m[1])
             yield pair[0].name, pair[1].name
+
+
+def _turn_as_in_mirror(first: DeviceFacts, second: DeviceFacts) -> bool:
+    """Whether two motors at mirrored places are mounted as their kind is in a mirror."""
+    are_mounted_alike = first.axis[1] * second.axis[1] > 0.0
+    return are_mounted_alike == MotorKind(first.name).model.is_two_sided
 
 
 def _are_mirrored(
@@ -291,7 +298,7 @@ def _are_mirrored(
     second: DeviceFacts,
     among: Sequence[DrawnMotor],
 ) -> bool:
-    """Whether two motors are mirror images in the middle of some."""
+    """Whether two motors are at mirrored places in the middle of some."""
     middle_m = _middle_m([motor.facts for motor in among])
     is_ahead_alike = abs(first.at_m[0] - second.at_m[0]) < _ALIKE_M
     is_high_alike = abs(first.at_m[2] - second.at_m[2]) < _ALIKE_M

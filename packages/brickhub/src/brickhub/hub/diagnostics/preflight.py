@@ -189,7 +189,11 @@ def check_robot(
                 yield from check_angles(robot, interface, values)
                 yield from check_distances(interface, values)
                 is_virtual = getattr(transport, "identity", None) is None
-                yield check_latency(measure(link, interface), is_virtual=is_virtual)
+                yield check_latency(
+                    measure(link, interface),
+                    is_virtual=is_virtual,
+                    has_radio=robot.hub.model.has_bluetooth,
+                )
 
                 def advise(motors: Sequence[str]) -> str:
                     return _reversing(
@@ -383,14 +387,19 @@ def check_distances(interface: Interface, values: Sequence[float]) -> Iterator[F
             yield Finding(f"reading {channel.name}", Outcome.OK, f"{value:.0f} mm{doubt}")
 
 
-def check_latency(latency: Latency, *, is_virtual: bool = False) -> Finding:
+def check_latency(
+    latency: Latency,
+    *,
+    is_virtual: bool = False,
+    has_radio: bool = True,
+) -> Finding:
     """Latency check: the connection interval is short. That of a virtual hub is as its link says,
-    which is no problem."""
+    which is no problem, and a cable has none."""
     share = "" if latency.link_share is None else f", {percent(latency.link_share)} of a step"
-    detail = (
-        f"{latency.p50_ms:.0f} ms, p99 {latency.p99_ms:.0f} ms, connection interval "
-        f"{latency.interval_ms:g} ms{share}"
-    )
+    interval = f", connection interval {latency.interval_ms:g} ms" if has_radio else ""
+    detail = f"{latency.p50_ms:.0f} ms, p99 {latency.p99_ms:.0f} ms{interval}{share}"
+    if not has_radio:
+        return Finding("round trip", Outcome.OK, detail)
     if is_virtual:
         played = f"{detail}, as played; another link is played with --link, such as --link mac"
         return Finding("round trip", Outcome.OK, played if latency.is_slow else detail)

@@ -76,7 +76,10 @@ def bluetooth_problem() -> tuple[errors.Reason, str] | None:
     if sys.platform != "linux":
         return None
     if not (_BLUETOOTH_FOLDER.is_dir() and any(_BLUETOOTH_FOLDER.glob("hci*"))):
-        return errors.Reason.NO_ADAPTER, "this computer has no Bluetooth adapter; plug one in"
+        return (
+            errors.Reason.NO_ADAPTER,
+            "this computer has no Bluetooth adapter; plug one in, or use a cable and --hub usb",
+        )
     for switch in _RFKILL_FOLDER.glob("rfkill*"):
         if _text(switch / "type") != "bluetooth":
             continue

@@ -17,7 +17,7 @@ from brickhub.hub.interface import (
 )
 from brickhub.robot import DriveBase, Sense
 from bricksrl.envs.task import Task, Tensor
-from bricksrl.envs.tasks.line_follow import LINE_FOLLOW
+from bricksrl.envs.tasks.line_follow import LINE_FOLLOW, as_seen_by, edge_of
 from bricksrl.envs.tasks.on_robots import gyroscope_of, interface_on
 from bricksrl.envs.tasks.park import PARK
 from bricksrl.envs.tasks.run_away import RUN_AWAY, metrics_without_tilt
@@ -123,7 +123,7 @@ def follow_line(drawn: DrawnRobot) -> Task:
         ),
     )
     return replace(
-        LINE_FOLLOW,
+        as_seen_by(LINE_FOLLOW, edge_of(drawn.robot, light)),
         id="Line-v0",
         doc=f"{drawn.robot.name} follows the left edge of a black line, clockwise.",
         robot=drawn.robot,

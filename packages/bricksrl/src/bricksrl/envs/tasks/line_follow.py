@@ -47,11 +47,17 @@ episode succeeds if it does so in 95 % of the steps. The metrics are the share o
 `on_line_share`, and the mean difference of the brightness from that of the edge, `mean_off_pct`; a
 virtual robot adds its distance, speed and straightness.
 
+What a color sensor reads over line and floor depends on its kind, and with it the brightness of the
+edge: 38 % for that of SPIKE, 45 % for that of an EV3.
+
 With the option `robot=ev3-driver`, the yaw rate is that of its gyro sensor, and the color sensor is
 64 mm in front of the axle.
 """
 
 import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Annotated
 
 from brickhub.hub.interface import (
     DriveSpeed,
@@ -61,16 +67,14 @@ from brickhub.hub.interface import (
     Wait,
     YawRate,
 )
+from brickhub.robot import Robot, SensorKind
+from brickhub.user_files import NotCode
 from bricksrl.envs.task import Task, Tensor
-from bricktwin.robots import SCOUT
+from bricksrl.envs.tasks.on_robots import on_robot
+from bricktwin.robots import CART, EV3_DRIVER, SCOUT
 from bricktwin.twin.objects import Line
 from bricktwin.twin.scene import Scene
 
-EDGE_PCT = 38.0
-"""Reflection halfway between what the sensor reads over the line, 5, and over the floor, 71, of 8
-and 82 % of the light."""
-BARE_PCT = 31.0
-"""Difference from it at which the sensor sees only the line or only the floor."""
 SUCCESS_SHARE = 0.95
 LINE_MM = 30.0
 _RADIUS_MM = 450.0
@@ -97,47 +101,94 @@ def course() -> tuple[tuple[float, float], ...]:
     return tuple(points)
 
 
-def _off_pct(observation: Tensor) -> Tensor:
-    return (observation[..., :1] - EDGE_PCT).abs()
+_NOISE_PCT = 2.0
+"""Difference from the reading over bare line or floor at which the sensor sees only that."""
 
 
-def reward(
-    _previous: Tensor,
-    action: Tensor,
-    observation: Tensor,
-) -> Tensor:
-    """Nearness to the edge times a share of the speed, or the turn towards it where it is lost;
-    ``[*batch, 1]``."""
-    speed = action[..., :1]
-    turn = action[..., 1:2]
-    off_pct = _off_pct(observation)
-    near = (1.0 - off_pct / BARE_PCT).clamp(min=0.0)
-    # Brighter than the edge means left of it, where a turn to the right finds it again.
-    towards = (observation[..., :1] - EDGE_PCT).sign() * turn
-    is_lost = off_pct >= BARE_PCT
-    return near * (0.75 + 0.25 * speed) + (0.25 * towards - 0.5) * is_lost
+@dataclass(frozen=True)
+class Edge:
+    """The edge of a line as a color sensor sees it, and the task's functions of its readings.
+
+    Attributes:
+        line_pct, floor_pct: what the sensor reads over the line and over the floor.
+    """
+
+    line_pct: float
+    floor_pct: float
+
+    @property
+    def edge_pct(self) -> float:
+        """Reading on the edge, halfway between line and floor."""
+        return (self.line_pct + self.floor_pct) / 2
+
+    @property
+    def bare_pct(self) -> float:
+        """Difference from it at which the sensor sees only the line or only the floor."""
+        return (self.floor_pct - self.line_pct) / 2 - _NOISE_PCT
+
+    def _off_pct(self, observation: Tensor) -> Tensor:
+        return (observation[..., :1] - self.edge_pct).abs()
+
+    def reward(
+        self,
+        _previous: Tensor,
+        action: Tensor,
+        observation: Tensor,
+    ) -> Tensor:
+        """Nearness to the edge times a share of the speed, or the turn towards it where it is lost;
+        ``[*batch, 1]``."""
+        speed = action[..., :1]
+        turn = action[..., 1:2]
+        off_pct = self._off_pct(observation)
+        near = (1.0 - off_pct / self.bare_pct).clamp(min=0.0)
+        # Brighter than the edge means left of it, where a turn to the right finds it again.
+        side = (observation[..., :1] - self.edge_pct).sign()
+        back = 0.25 * side * turn - 0.5
+        is_lost = off_pct >= self.bare_pct
+        following = near * (0.75 + 0.25 * speed)
+        return following + back * is_lost
+
+    def _on_line_share(self, observations: Tensor) -> Tensor:
+        off_pct = self._off_pct(observations)[..., 0]
+        is_on_line = off_pct < self.bare_pct
+        return is_on_line.float().mean(-1)
+
+    def success(self, observations: Tensor) -> Tensor:
+        """True if the robot saw the edge for 95 % of the episode ``[*batch, steps, n]``; bool
+        ``[*batch]``."""
+        return self._on_line_share(observations) >= SUCCESS_SHARE
+
+    def metrics(self, observations: Tensor) -> dict[str, Tensor]:
+        """Share of the steps on the line and mean distance from the edge of the episode ``[*batch,
+        steps, n]``; ``[*batch]``."""
+        off_pct = self._off_pct(observations)[..., 0]
+        share = self._on_line_share(observations)
+        return {
+            "on_line_share": share,
+            "mean_off_pct": off_pct.mean(-1),
+        }
 
 
-def _on_line_share(observations: Tensor) -> Tensor:
-    is_on_line = _off_pct(observations)[..., 0] < BARE_PCT
-    return is_on_line.float().mean(-1)
+EDGES: Mapping[SensorKind, Edge] = {
+    SensorKind.COLOR: Edge(5.0, 71.0),
+    SensorKind.COLOR_DISTANCE: Edge(4.0, 63.0),
+    SensorKind.EV3_COLOR: Edge(8.0, 82.0),
+}
+"""What the kinds of color sensors read of a line and a floor that reflect 8 and 82 % of the
+light."""
 
 
-def success(observations: Tensor) -> Tensor:
-    """True if the robot saw the edge for 95 % of the episode ``[*batch, steps, n]``; bool
-    ``[*batch]``."""
-    return _on_line_share(observations) >= SUCCESS_SHARE
+def edge_of(robot: Robot, sensor: str = "light") -> Edge:
+    """The edge of a line as a robot's color sensor sees it."""
+    return EDGES[robot.sensor(sensor).kind]
 
 
-def metrics(observations: Tensor) -> dict[str, Tensor]:
-    """Share of the steps on the line and mean distance from the edge of the episode ``[*batch,
-    steps, n]``; ``[*batch]``."""
-    return {
-        "on_line_share": _on_line_share(observations),
-        "mean_off_pct": _off_pct(observations)[..., 0].mean(-1),
-    }
+def as_seen_by(task: Task, edge: Edge) -> Task:
+    """The task with the readings of another color sensor."""
+    return replace(task, reward=edge.reward, success=edge.success, metrics=edge.metrics)
 
 
+_SCOUT_EDGE = edge_of(SCOUT)
 LINE_FOLLOW = Task(
     id="LineFollow-v0",
     doc=__doc__,
@@ -158,9 +209,9 @@ LINE_FOLLOW = Task(
     ),
     streams=True,
     max_steps=100,
-    reward=reward,
-    success=success,
-    metrics=metrics,
+    reward=_SCOUT_EDGE.reward,
+    success=_SCOUT_EDGE.success,
+    metrics=_SCOUT_EDGE.metrics,
     walks=True,
     scene=Scene(
         objects=(Line(course(), width_mm=LINE_MM, closed=True),),
@@ -168,3 +219,15 @@ LINE_FOLLOW = Task(
         heading_deg=(-4.0, 4.0),
     ),
 )
+
+
+def line_follow(*, robot: Annotated[str, NotCode()] = SCOUT.name) -> Task:
+    """The task.
+
+    Args:
+        robot: name of the robot that does it, scout, cart or ev3-driver.
+    """
+    task = on_robot(LINE_FOLLOW, robot, (CART, EV3_DRIVER))
+    edge = edge_of(task.robot)
+    # What the very same sensor reads leaves the very same task.
+    return task if edge == _SCOUT_EDGE else as_seen_by(task, edge)

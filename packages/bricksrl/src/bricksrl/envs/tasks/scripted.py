@@ -5,13 +5,16 @@ Each is a function from what the robot observes, arrays by name without batch di
 action ``[m]`` in -1..1.
 """
 
+import functools
 import math
 from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
 
-from bricksrl.envs.tasks.line_follow import EDGE_PCT
+from brickhub.robot import SensorKind
+from bricksrl.envs.task import Task
+from bricksrl.envs.tasks.line_follow import EDGES, LINE_FOLLOW, Edge, edge_of
 
 ArrayPolicy = Callable[[Mapping[str, Any]], Any]
 """From ``observation`` ``[n]`` and, if there is a camera, ``image`` to an action ``[m]``."""
@@ -128,11 +131,11 @@ def bring(state: Mapping[str, Any]) -> Any:
     return action.clip(-1.0, 1.0)
 
 
-def follow(state: Mapping[str, Any]) -> Any:
+def follow(state: Mapping[str, Any], edge: Edge = EDGES[SensorKind.COLOR]) -> Any:
     """Half speed, with a turn proportional to the difference of the brightness from that of the
     edge."""
-    off_pct = state["observation"][0] - EDGE_PCT
-    turn = 0.8 * off_pct / EDGE_PCT
+    off_pct = state["observation"][0] - edge.edge_pct
+    turn = 0.8 * off_pct / edge.edge_pct
     return np.array([0.0, turn]).clip(-1.0, 1.0)
 
 
@@ -174,3 +177,10 @@ CONTROLLERS: dict[str, ArrayPolicy] = {
     "RoboArmSim-v0": reach,
     "RoboArm_mixed-v0": bring,
 }
+
+
+def controller_of(env_id: str, task: Task) -> ArrayPolicy:
+    """The controller of an environment, on the robot that its task has."""
+    if env_id == LINE_FOLLOW.id:
+        return functools.partial(follow, edge=edge_of(task.robot))
+    return CONTROLLERS[env_id]

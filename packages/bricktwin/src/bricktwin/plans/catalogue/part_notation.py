@@ -6,7 +6,8 @@ of 20), ``0..80/40`` (each 40), or several of these with ``;``; the last coordin
 Groups are separated by ``|``:
 
 - sites: kind, axis with length, centres, as in ``o y20: 0,0,±20``. Kinds: ``o`` pin hole, ``+``
-  axle hole, and those of `_FITS`. ``z20 tilted 45`` turns a group about x by 45 degrees.
+  axle hole, and those of `_FITS`. ``z20 tilted 45`` turns a group about x by 45 degrees, ``y10
+  turned 120`` about z by 120.
 - beams: an axis with the thickness, a hole for each point (``-`` for none), and the points that
   bars connect, as in ``chain y20 +oo: 0,0,0..40``.
 - solids: ``box 0,0,±60 80,20,20``, ``cylinder z20 0,0,0 9.5``, ``ring y15 0,0,0 74.5 68`` (outer
@@ -103,18 +104,16 @@ def sites(text: str, *, turns: bool = False) -> tuple[Site, ...]:
     found = []
     for group in _groups(text):
         head, _, centres = group.partition(":")
-        fit, along, *tilt = head.split()
+        fit, along, *turn = head.split()
         axis, length = _axis(along)
-        # The word `tilted` is followed by an angle, and without it there is none.
-        tilt_deg = float(tilt[1]) if tilt else 0.0
-        tilted_axis = _tilted(axis, tilt_deg)
+        turned_axis = _turned(axis, turn)
         for centre in points(centres):
-            tilted_centre = _tilted(centre, tilt_deg)
+            turned_centre = _turned(centre, turn)
             found.append(
                 Site(
                     _FITS[fit],
-                    tilted_centre,
-                    tilted_axis,
+                    turned_centre,
+                    turned_axis,
                     length,
                     turns,
                 )
@@ -122,14 +121,18 @@ def sites(text: str, *, turns: bool = False) -> tuple[Site, ...]:
     return tuple(found)
 
 
-def _tilted(vector: Triple, angle_deg: float) -> Triple:
-    """A vector turned about x."""
-    if not angle_deg:
+def _turned(vector: Triple, turn: list[str]) -> Triple:
+    """A vector after a turn: the word ``tilted`` for one about x, ``turned`` for one about z, and
+    its angle; or no words."""
+    if not turn:
         return vector
+    word, angle = turn
     x, y, z = vector
-    sine = math.sin(math.radians(angle_deg))
-    cosine = math.cos(math.radians(angle_deg))
-    return x, y * cosine - z * sine, y * sine + z * cosine
+    sine = math.sin(math.radians(float(angle)))
+    cosine = math.cos(math.radians(float(angle)))
+    if word == "tilted":
+        return x, y * cosine - z * sine, y * sine + z * cosine
+    return x * cosine - y * sine, x * sine + y * cosine, z
 
 
 def beam(text: str) -> tuple[tuple[Site, ...], tuple[Solid, ...]]:
