@@ -29,6 +29,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import torch
 from PIL import Image
 from playwright.sync_api import Page, sync_playwright
 
@@ -144,8 +145,12 @@ def draw(body: MujocoBody, camera: Any, path: Path, decorate: Any = None) -> Non
 
 def draw_arena(env_id: str, path: Path) -> None:
     """Draw the robots of an arena at their starts."""
-    world = ArenaWorld(get_arena_task(env_id).arena)
+    task = get_arena_task(env_id)
+    world = ArenaWorld(task.arena)
     world.place(np.random.default_rng(SEED))
+    if task.mark is not None:
+        middle = [(low + high) / 2 for low, high in task.drawn]
+        world.put_marks(task.mark(torch.tensor(middle)).tolist())
     world.bodies[0].update_visuals()
     draw(world.bodies[0], "arena", path)
 

@@ -141,3 +141,27 @@ def test_gate_is_drawn_anew_in_each_episode(copies: int) -> None:
     env.close()
     assert len(set(gates)) == len(gates) and all(-0.5 <= gate <= 0.5 for gate in gates)
     assert max(gates) - min(gates) > 0.1
+
+
+def test_gate_is_seen_where_it_was_drawn() -> None:
+    env = make_arena("Guide-v0", seed=2)
+    places = []
+    for _ in range(2):
+        gate = env.reset()["agents", "observation"][GUIDE, 5].item()
+        data = env.world.bodies[0].data
+        assert data.body("gate").xpos[:2].tolist() == pytest.approx([LINE_M, gate])
+        posts = [data.body(f"{side}_post").xpos[1] for side in ("left", "right")]
+        assert posts == pytest.approx([gate + HALF_GATE_M, gate - HALF_GATE_M])
+        places.append(gate)
+    assert places[0] != places[1]
+    model = env.world.bodies[0].model
+    geoms = [model.body(mark.name).geomadr[0] for mark in GATE.arena.marks]
+    assert not any(model.geom_contype[geoms]), "robots drive through them"
+    env.close()
+
+
+def test_marks_and_their_places_belong_together() -> None:
+    with pytest.raises(DescriptionError, match="give both or none"):
+        replace(GATE, mark=None)
+    with pytest.raises(DescriptionError, match="give both or none"):
+        replace(get_arena_task("Tag-v0"), mark=GATE.mark)

@@ -8,7 +8,7 @@ deterministic, bit for bit.
 
 import functools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import mujoco
@@ -21,7 +21,7 @@ from bricktwin.twin.body import STEPS_PER_LOAD, NoiseSources, TwinBody
 from bricktwin.twin.engines.mujoco_engine import MujocoEngine
 from bricktwin.twin.engines.rotations import yaw_quaternion
 from bricktwin.twin.model_physics import set_physics
-from bricktwin.twin.models.kept_models import kept_model
+from bricktwin.twin.models.kept_models import kept_model, model_stamps
 from bricktwin.twin.models.mjcf import LOOKS, add_camera, add_light, new_spec
 from bricktwin.twin.models.scenery import add_geom
 from bricktwin.twin.mujoco_body import MujocoBody
@@ -87,11 +87,22 @@ class Load:
 
 
 @dataclass(frozen=True)
+class Mark:
+    """Box that is only seen, such as a post of a gate, with its half sizes (along x, y and z) in
+    metres and its colour (RGB in 0..1). Robots drive through it."""
+
+    name: str
+    half_size_m: tuple[float, float, float]
+    color: tuple[float, float, float]
+
+
+@dataclass(frozen=True)
 class Arena:
     """Robots, start places and scene. Raises TwinError if names are not unique, or there are too
     many motors.
 
     Attributes:
+        marks: what else is seen; a task says where, see ``ArenaWorld.put_marks``.
         half_size_m: half size of the floor within the walls, along x and y; ``None`` for an open
             floor.
         gap_m: least distance between any two robots at the start.
@@ -101,14 +112,16 @@ class Arena:
     loads: tuple[Load, ...] = ()
     half_size_m: tuple[float, float] | None = None
     gap_m: float = 0.3
+    marks: tuple[Mark, ...] = ()
 
     def __post_init__(self) -> None:
         # They begin the names of all parts in the model.
         names = [contestant.name for contestant in self.robots]
         names += [load.name for load in self.loads]
+        names += [mark.name for mark in self.marks]
         if not self.robots or len(set(names)) < len(names):
             raise TwinError(
-                f"an arena of {', '.join(names) or 'nothing'}; give each robot and each load a "
+                f"an arena of {', '.join(names) or 'nothing'}; give each robot, load and mark a "
                 "name of its own"
             )
         motors = sum(len(contestant.robot.motors) for contestant in self.robots)
@@ -125,8 +138,12 @@ class Arena:
 
 
 @functools.lru_cache(maxsize=4)
-def _compiled(arena: Arena) -> mujoco.MjModel:
-    """Compiled model of an arena; copy it before use."""
+def _compiled(
+    arena: Arena,
+    _stamps: tuple[tuple[tuple[str, int, int], ...], ...],
+) -> mujoco.MjModel:
+    """Compiled model of an arena; copy it before use. The stamps are of its robots' files, as
+    somebody may go on drawing meanwhile."""
     robots = [contestant.robot for contestant in arena.robots]
     return kept_model(lambda: _built(arena), robots, arena)
 
@@ -158,6 +175,8 @@ def _built(arena: Arena) -> mujoco.MjSpec:
         actuator.group = group
     for load in arena.loads:
         _add_load(world, load)
+    for mark in arena.marks:
+        _add_mark(world, mark)
     return spec
 
 
@@ -242,6 +261,18 @@ def _add_load(world: mujoco.MjsBody, load: Load) -> None:
     )
 
 
+def _add_mark(world: mujoco.MjsBody, mark: Mark) -> None:
+    """Add a box that nothing touches, and that stays where it is put."""
+    body = world.add_body(name=mark.name, mocap=True)
+    body.add_geom(
+        type=mujoco.mjtGeom.mjGEOM_BOX,
+        pos=[0.0, 0.0, mark.half_size_m[2]],
+        size=list(mark.half_size_m),
+        rgba=[*mark.color, 1.0],
+        **LOOKS,
+    )
+
+
 class ArenaWorld:
     """World of an arena, with a body for each robot's hub.
 
@@ -266,7 +297,8 @@ class ArenaWorld:
         seed: int = 0,
     ) -> None:
         self.arena = arena
-        engine = MujocoEngine(_compiled(arena))
+        stamps = [model_stamps(contestant.robot) for contestant in arena.robots]
+        engine = MujocoEngine(_compiled(arena, tuple(stamps)))
         self.engine = engine
         self.time_ms = 0
         self.steps = 0
@@ -347,6 +379,15 @@ class ArenaWorld:
                 # The first robots may leave no room for the others.
                 starts.clear()
         raise self.arena.too_narrow()
+
+    def put_marks(self, places_m: Sequence[Sequence[float]]) -> None:
+        """Put the arena's marks at these places, x and y in metres, in its order."""
+        numbers = self.engine.indices("body_mocapid")
+        for mark, (x_m, y_m) in zip(self.arena.marks, places_m, strict=True):
+            address = 3 * numbers[self.engine.index("body", mark.name)]
+            self.engine.mocap_pos[address] = x_m
+            self.engine.mocap_pos[address + 1] = y_m
+        self.engine.forward()
 
     def poses(self) -> list[Pose]:
         """True poses of the robots, then of the loads."""

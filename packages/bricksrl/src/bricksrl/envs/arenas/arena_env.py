@@ -307,11 +307,14 @@ class ArenaEnv(GroupedEnv):
             self._close_links()
             raise
         self._angles = self._wheels(readings)
+        drawn = self._draw()
+        if self.task.mark is not None:
+            world.put_marks(self.task.mark(drawn).tolist())
         self._state = ArenaState(
             self._poses(),
             torch.zeros(len(self._links), WHEELS),
             self._heard(readings),
-            self._draw(),
+            drawn,
         )
         self._step_count.zero_()
         return self._state

@@ -70,6 +70,8 @@ class ArenaTask:
             air; they come last in its action.
         drawn: range of each number that is drawn uniformly at the start of an episode, such as
             where a goal is.
+        mark: maps these numbers to the places of the arena's marks, ``[marks, 2]``, x and y in
+            metres.
     """
 
     id: str
@@ -87,6 +89,7 @@ class ArenaTask:
     opponents: Mapping[str, str] = field(default_factory=dict)
     told: Annotated[int, Range(0, MAX_ACTIONS - WHEELS)] = 0
     drawn: tuple[tuple[float, float], ...] = ()
+    mark: Callable[[Tensor], Tensor] | None = None
 
     def __post_init__(self) -> None:
         check_fields(ArenaTask, vars(self))
@@ -94,6 +97,13 @@ class ArenaTask:
             check_arguments(f"{name} of {self.id}", getattr(self, name), arguments)
         for name, script in self.scripts.items():
             check_arguments(f"script '{name}' of {self.id}", script, ("observation",))
+        if self.mark is not None:
+            check_arguments(f"mark of {self.id}", self.mark, ("drawn",))
+        if bool(self.arena.marks) != (self.mark is not None):
+            raise DescriptionError(
+                f"task {self.id}: the marks of an arena and the function that says where they are "
+                "belong together; give both or none"
+            )
         if re.fullmatch(r"\w+-v\d+", self.id) is None:
             raise DescriptionError(
                 f"'{self.id}' is not an id for a task; take a name and a version, such as 'Tag-v0'"

@@ -48,7 +48,7 @@ from brickhub.entry import Entry
 from brickhub.hub.interface import Interface, MotorAngle, RunAngle, Wait
 from bricksrl.envs.arenas.arena_task import ArenaState, ArenaTask, own_pose, steer_towards
 from bricktwin.robots import TWO_WHEELER
-from bricktwin.twin.arena import Arena, Contestant, Place
+from bricktwin.twin.arena import Arena, Contestant, Mark, Place
 
 HALF_M = 0.8
 LINE_M = 0.4
@@ -148,6 +148,14 @@ def follow(observation: Tensor) -> Tensor:
     return torch.cat((wheels * drives, told * sees), -1)
 
 
+def mark(drawn: Tensor) -> Tensor:
+    """Places of the line, of the gate in it and of the gate's posts, ``[4, 2]`` m, by what was
+    drawn, ``[1]``."""
+    gate = drawn.item()
+    along_y = (0.0, gate, gate - HALF_GATE_M, gate + HALF_GATE_M)
+    return torch.tensor([(LINE_M, y) for y in along_y])
+
+
 def _robot(
     name: str,
     place: Place,
@@ -166,6 +174,12 @@ def _interface(travel_deg: float) -> Interface:
     )
 
 
+_MARKS = (
+    Mark("line", (0.01, HALF_M, 0.0005), (0.25, 0.25, 0.28)),
+    Mark("gate", (0.014, HALF_GATE_M, 0.001), (0.2, 0.65, 0.3)),
+    Mark("right_post", (0.014, 0.014, 0.05), (0.2, 0.65, 0.3)),
+    Mark("left_post", (0.014, 0.014, 0.05), (0.2, 0.65, 0.3)),
+)
 _CORNER = Place((-0.66, -0.64), (-0.66, -0.64), (-5.0, 5.0))
 _START = Place((-0.5, -0.4), (-0.1, 0.1), (-30.0, 30.0))
 
@@ -178,6 +192,7 @@ GATE = ArenaTask(
             _robot("driver", _START, (0.1, 0.3, 0.85)),
         ),
         half_size_m=(HALF_M, HALF_M),
+        marks=_MARKS,
     ),
     interfaces=(_interface(_GUIDE_TRAVEL_DEG), _interface(_DRIVER_TRAVEL_DEG)),
     groups={"agents": ("guide", "driver")},
@@ -190,4 +205,5 @@ GATE = ArenaTask(
     scripts={"follow": follow},
     told=2,
     drawn=((-FARTHEST_GATE_M, FARTHEST_GATE_M),),
+    mark=mark,
 )
