@@ -1,12 +1,13 @@
 """Edits of datasets whose process is killed with SIGKILL at random moments.
 
-    python -m benchmarks edit_kill --kills 200
+    python -m benchmarks edit_kill --kills 200 [--lerobot PYTHON]
 
 A process keeps or removes episodes, merges, splits, or exports to CSV, and is killed at a random
 moment of it, until so many were killed before their end. Then the sources are compared byte by byte
 with what they were, and each target has to be absent or complete: equal, byte by byte, to that of
 an edit that nobody killed. After each fifth one the same edit is made to its end beside what the
-kill has left. Half of the edits are of datasets with images.
+kill has left. Half of the edits are of datasets with images. What the edits write is also read by
+LeRobot, if it is installed in the environment of PYTHON.
 """
 
 from __future__ import annotations
@@ -23,12 +24,13 @@ import time
 import traceback
 from collections import Counter
 from collections.abc import Callable, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
-from benchmarks.record_kill import BLIND, SEEING, steps
+from benchmarks.record_kill import BLIND, SEEING, LeRobot, recorded, steps
 
 if TYPE_CHECKING:
     from benchmarks.session import Session
@@ -213,11 +215,37 @@ def expected(
     return made
 
 
-def measure(kills: int, seed: int) -> dict[str, Any]:
+READ_BY_LEROBOT = {
+    "kept": [0, 1, 2, 5],
+    "rest": [0, 1, 2],
+    "joined": list(range(2 * EPISODES)),
+}
+"""Numbers of the episodes in what the edits write; those of a split are drawn."""
+
+
+def read_by_lerobot(lerobot: LeRobot, whole: Path, side: int) -> bool:
+    """Whether LeRobot reads all that the edits wrote into a folder, each episode as it was
+    recorded, with images of so many pixels."""
+    found = []
+    for name, numbers in READ_BY_LEROBOT.items():
+        wanted = [recorded(number, side) for number in numbers]
+        found.append(lerobot.read(whole / name) == wanted)
+    parts: list[dict[str, str]] = []
+    for name in EDITS["split"].targets:
+        parts += lerobot.read(whole / name) or []
+    rewards = sorted(episode["next.reward"] for episode in parts)
+    wanted = [recorded(number, side) for number in range(EPISODES)]
+    found.append(rewards == sorted(episode["next.reward"] for episode in wanted))
+    found.append(all(episode in wanted for episode in parts))
+    return all(found)
+
+
+def measure(kills: int, seed: int, lerobot: LeRobot | None) -> dict[str, Any]:
     """Results of so many edits that were killed before their end, at moments drawn from
     ``seed``."""
     rng = random.Random(seed)
     counts: Counter[str] = Counter()
+    read: dict[str, bool] = {}
     kills_of: Counter[str] = Counter()
     with tempfile.TemporaryDirectory() as root, Editor() as editor:
         kinds = {}
@@ -227,6 +255,9 @@ def measure(kills: int, seed: int) -> dict[str, Any]:
                 for number in range(2)
             ]
             whole = expected(editor, sources, Path(root) / f"{kind}-whole")
+            if lerobot is not None:
+                side = {"blind": BLIND, "seeing": SEEING}[kind].image_px
+                read[kind] = read_by_lerobot(lerobot, Path(root) / f"{kind}-whole", side)
             kinds[kind] = (sources, [content(source) for source in sources], whole)
         names = list(EDITS)
         for kill in itertools.count():
@@ -263,7 +294,10 @@ def measure(kills: int, seed: int) -> dict[str, Any]:
         "edits_to_the_end_afterwards",
         "of_them_as_wanted",
     )
-    result = {key: counts[key] for key in keys}
+    result: dict[str, Any] = {key: counts[key] for key in keys}
+    if lerobot is not None:
+        said = {"read_whole": read, "errors": lerobot.errors, "versions": lerobot.versions}
+        result = {**result, "lerobot": said}
     return {"seed": seed, **result, "killed_edits": dict(kills_of)}
 
 
@@ -288,8 +322,12 @@ def _look(
 
 def main(session: Session) -> None:
     """Run from the command line."""
+    session.parser.add_argument(
+        "--lerobot", metavar="PYTHON", help="the Python of an environment that has LeRobot"
+    )
     args = session.parse(kills=200, seed=0)
-    result = measure(args.kills, args.seed)
+    with LeRobot(args.lerobot) if args.lerobot else nullcontext() as lerobot:
+        result = measure(args.kills, args.seed, lerobot)
     print(result)
     session.write(result)
 

@@ -162,17 +162,25 @@ class LeRobot:
 
     def opens(self, root: Path, committed: int) -> bool:
         """Whether it reads all committed episodes, and each as it was recorded."""
+        episodes = self.read(root)
+        if episodes is None:
+            return False
+        side = SEEING.image_px if episodes and "image" in episodes[0] else 0
+        same = all(episode == recorded(number, side) for number, episode in enumerate(episodes))
+        return same and len(episodes) >= committed
+
+    def read(self, root: Path) -> list[dict[str, str]] | None:
+        """Digests of all episodes of a dataset; ``None`` if it cannot be read, or counts others
+        than it reads."""
         assert self._process.stdin is not None
         self._process.stdin.write(f"{root}\n")
         self._process.stdin.flush()
         answer = self._answer()
         if "error" in answer:
             self.errors.append(answer["error"])
-            return False
-        episodes = answer["episodes"]
-        side = SEEING.image_px if episodes and "image" in episodes[0] else 0
-        same = all(episode == recorded(number, side) for number, episode in enumerate(episodes))
-        return same and len(episodes) == answer["counted"] >= committed
+            return None
+        episodes: list[dict[str, str]] = answer["episodes"]
+        return episodes if len(episodes) == answer["counted"] else None
 
     def _answer(self) -> dict[str, Any]:
         assert self._process.stdout is not None
