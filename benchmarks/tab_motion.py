@@ -54,9 +54,12 @@ def cpu_s() -> float:
 def drive(
     body: TwinBody,
     time_ms: int,
-    phases: list[float],
+    phases: list[float] | None = None,
 ) -> None:
-    """Apply voltages that swing, each motor's at a phase of its own, rad."""
+    """Apply voltages that swing, each motor's at a phase of its own, rad: a radian behind that of
+    the motor before it, if none are given."""
+    if phases is None:
+        phases = [float(number) for number in range(len(body.robot.motors))]
     for motor, phase in zip(body.robot.motors, phases, strict=True):
         body.set_voltage(motor.port, int(FULL_MV * math.sin(0.004 * time_ms + phase)))
 

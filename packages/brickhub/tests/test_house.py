@@ -56,6 +56,8 @@ def test_files_that_run_on_a_hub_are_there() -> None:
         "joint",
         "loop",
         "moves",
+        "reckoning",
+        "relative",
         "stdio",
         "trials",
         "wheels",

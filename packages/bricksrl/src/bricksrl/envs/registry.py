@@ -245,7 +245,7 @@ def build_task(
 
 ARGUMENTS = {
     "simulation": ("seed", "copies", "batch_size", "device", "kinematics", "place"),
-    "robot": ("seed", "copies", "place", "arrays"),
+    "robot": ("seed", "copies", "place", "arrays", "watched_button"),
 }
 """Names of the arguments of `make` that each kind of environment takes, beside its options."""
 
