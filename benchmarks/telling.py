@@ -25,7 +25,7 @@ from bricksrl.training.teams.team import TeamConfig, TeamEpisode, play_team, tra
 
 ENV = "Guide-v0"
 GROUP = "agents"
-FRAMES = 400_000
+FRAMES = 800_000
 COPIES = 256
 AGENTS = ["mappo", "ippo"]
 SETTINGS = TeamSettings(gamma=0.9, gae_lambda=0.9, learning_rate=2e-3, steps=16)
