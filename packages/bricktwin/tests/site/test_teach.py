@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from bricktwin.robots import CART, ROBO_ARM, SCOUT, TWO_WHEELER, WALKER
+from bricktwin.robots import CART, EV3_DRIVER, ROBO_ARM, SCOUT, TWO_WHEELER, WALKER
 from bricktwin.robots.as_drawn import robot_as_drawn
 from bricktwin.site.tab import lessons, trial
 from bricktwin.site.tab.lessons import Record, ahead_mm, lesson_for, walking_speed
@@ -126,6 +126,8 @@ def test_who_can_learn_what() -> None:
     # It has no color sensor; and the devices of kits run no program of a hub.
     assert lesson_for(TWO_WHEELER, "line-sharp") is None
     assert lesson_for(CART, "line-sharp") is None
+    # Its color sensor reads other numbers on the edge.
+    assert lesson_for(EV3_DRIVER, "line-sharp") is None
 
 
 @pytest.mark.parametrize(("gain", "stands"), [(25.0, True), (2.0, False)])

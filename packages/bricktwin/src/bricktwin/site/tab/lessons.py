@@ -26,7 +26,7 @@ from brickhub.hub.interface import (
     WheelsAngle,
     WheelsSpeed,
 )
-from brickhub.robot import Robot, UltrasonicSensor
+from brickhub.robot import Robot, SensorKind, UltrasonicSensor
 from brickhub.search.approach import approach
 from brickhub.search.bayesian_search import trial_score
 from brickhub.search.edge import edge_following
@@ -246,15 +246,17 @@ def uprightness(record: Record) -> float:
 
 
 def follow_line(robot: Robot) -> Lesson:
-    """Follow the edge of a line, fast. Raises DescriptionError without a drive base, a sensor that
-    sees how bright the floor is, and a hub that runs programs."""
+    """Follow the edge of a line, fast. Raises DescriptionError without a drive base, SPIKE's color
+    sensor, and a hub that runs programs."""
     lights = []
     for sensor in robot.sensors:
-        if "reflection" in sensor.kind.model.readings:
+        # Others read other numbers on the same edge, such as an EV3's 45.
+        if sensor.kind is SensorKind.COLOR:
             lights.append(sensor.name)
     if not (lights and robot.hub.model.runs_programs):
         raise DescriptionError(
-            f"robot '{robot.name}' follows no line by itself; give it a hub and a color sensor"
+            f"robot '{robot.name}' follows no line by itself; give it a hub and SPIKE's color "
+            "sensor"
         )
     drive_base(robot, "follow a line")
     light = SensorReading(lights[0], "reflection", 0, 100, "%")
