@@ -26,6 +26,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+from brickhub.files import write_durably
+
 NOTE = "__entered__"
 """Name of the module that notes, in each module."""
 Function = ast.FunctionDef | ast.AsyncFunctionDef
@@ -58,22 +60,27 @@ class Entries:
 
 def read(path: Path) -> Entries:
     """The map in a file; empty if there is none."""
-    return Entries(**json.loads(path.read_text("utf-8"))) if path.exists() else Entries()
+    return Entries(**json.loads(path.read_bytes())) if path.exists() else Entries()
 
 
-def complete(known: Entries, tree: Path) -> Entries:
-    """The map with what the tests enter whose files are not in it as they are. The tree is for this
-    alone: its byte code is replaced."""
+def complete(path: Path, tree: Path) -> Entries:
+    """The map in a file, with what the tests enter whose files are not in it as they are now. It is
+    written after each house. The tree is for this alone: its byte code is replaced."""
+    known = read(path)
     digests = {
-        str(path.relative_to(tree)): hashlib.sha256(path.read_bytes()).hexdigest()
-        for path in sorted(tree.rglob("test_*.py"))
+        str(test.relative_to(tree)): hashlib.sha256(test.read_bytes()).hexdigest()
+        for test in sorted(tree.rglob("test_*.py"))
     }
     tests = {file: one for file, one in known.tests.items() if one["digest"] == digests.get(file)}
-    missing = [file for file in digests if file not in tests]
-    functions = compile_with_notes(tree, known.functions)
-    if missing:
-        found = _record(tree, missing)
-        tests |= {file: {"digest": digests[file], "tests": found.get(file, {})} for file in missing}
+    missing: dict[str, list[str]] = defaultdict(list)
+    for file in digests:
+        if file not in tests:
+            missing[file.partition("/tests/")[0]].append(file)
+    functions = compile_with_notes(tree, known.functions) if missing else known.functions
+    for files in missing.values():
+        found = _record(tree, files)
+        tests |= {file: {"digest": digests[file], "tests": found.get(file, {})} for file in files}
+        write_durably(path, json.dumps({"functions": functions, "tests": tests}).encode())
     return Entries(functions, tests)
 
 
@@ -141,7 +148,7 @@ def _record(tree: Path, files: list[str]) -> dict[str, dict[str, Any]]:
             "OMP_NUM_THREADS": "1",
             "BRICKS_TESTS_ENTRIES": name,
         }
-        options = ("-p", "entry_record", "-p", "no:cacheprovider", "--timeout-method=signal")
+        options = ("-p", "entry_record", "-p", "no:cacheprovider")
         marks = ("-m", "not slow and not realtime", "-q", "--tb=no", f"--rootdir={tree}")
         command = [sys.executable, "-m", "pytest", *options, *marks, *files]
         subprocess.run(command, cwd=tree, env=env, check=False)  # noqa: S603
