@@ -116,6 +116,27 @@ def named_functions(node: ast.AST, above: str = "") -> Iterator[tuple[Function, 
         yield from named_functions(child, name)
 
 
+def that_mention(tree: Path, name: str) -> list[str]:
+    """The functions of a tree that mention a name, as ``FILE:FUNCTION``."""
+    found = []
+    for path in sorted(tree.glob("packages/*/src/**/*.py")):
+        text = path.read_text("utf-8")
+        if name in text:
+            found += [
+                f"{path.relative_to(tree)}:{function}"
+                for node, function in named_functions(ast.parse(text))
+                if any(_mentions(one, name) for one in ast.walk(node))
+            ]
+    return found
+
+
+def _mentions(node: ast.AST, name: str) -> bool:
+    match node:
+        case ast.Name(id=found) | ast.Attribute(attr=found) | ast.keyword(arg=found):
+            return found == name
+    return False
+
+
 def _begin_with(node: Function | ast.Module, text: str) -> None:
     """Let a body begin with a statement, after what has to come first."""
     place = 0

@@ -5,10 +5,14 @@
 
 Faults of the last commit are drawn by a seed, two thirds of them in the two lower houses: a file by
 its number of statements, then an operator, then a place. Each is put into a copy of the tree, where
-the tests of the module's name run, then those of its folder, up to the first that fails. It counts
-if the test, run alone, fails again with the fault and passes without it. What never ends has
-failed. Verdicts in the result are not repeated, unless `--only` names them: an interrupted script
-resumes.
+tests run up to the first that fails. It counts if the test, run alone, fails again with the fault
+and passes without it. What never ends has failed. Verdicts in the result are not repeated, unless
+`--only` names them: an interrupted script resumes.
+
+The tests are those that enter the function (`benchmarks.entries` makes the map first, which takes
+as long as all tests), or, for a constant of a module or class, a function that mentions it: those
+nearest to the file first, up to a minute of them. Where there are none, they are the tests of the
+module's name, then those of its folder. A fault that only further tests find counts as alive.
 """
 
 from __future__ import annotations
@@ -25,12 +29,13 @@ import sys
 import tempfile
 import time
 from collections import Counter, defaultdict
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar
 
+from benchmarks.entries import Entries, complete, that_mention
 from benchmarks.formatting import table
 from benchmarks.session import Session, read_result
 
@@ -40,6 +45,8 @@ TEMPLATES = "cli/templates"
 TEST_S, QUIET_S = 180.0, 400.0
 """Longest time of a test without a limit of its own, and of a run of pytest that reports
 nothing."""
+TESTS_S = 60.0
+"""CPU time of the tests that a fault is tried with, without the start of pytest."""
 
 _BOUNDARY = {ast.Lt: ast.LtE, ast.LtE: ast.Lt, ast.Gt: ast.GtE, ast.GtE: ast.Gt}
 _NEGATION = {
@@ -262,23 +269,54 @@ class Tree:
 
     folder: Path
     scratch: Path
+    entries: Entries
     broken: list[str]
     """Tests that fail here without a fault; they are left out."""
 
     @classmethod
-    def make(cls, scratch: Path, broken: list[str]) -> Tree:
-        """Check the commit out. Byte code is found by the digest of its source, so that no fault is
-        missed."""
+    def make(cls, scratch: Path, known: Path, broken: list[str]) -> Tree:
+        """Check the commit out, and let the map in a file be that of its tests. Byte code is found
+        by the digest of its source, so that no fault is missed."""
         folder = scratch / "tree"
-        subprocess.run(["git", "clone", "--quiet", "--shared", ROOT, folder], check=True)  # noqa: S603, S607
-        tree = cls(folder, scratch, broken)
+        for copied in (folder, scratch / "noted"):
+            command = ["git", "clone", "--quiet", "--shared", ROOT, copied]
+            subprocess.run(command, check=True)  # noqa: S603
+        tree = cls(folder, scratch, complete(known, scratch / "noted"), broken)
         arguments = ("-m", "compileall", "-q", "--invalidation-mode", "checked-hash")
         subprocess.run([sys.executable, *arguments, *folder.glob("packages/*/src")], check=True)  # noqa: S603
         return tree
 
-    def near(self, file: str) -> list[list[str]]:
-        """Arguments of pytest for the tests near a file: those of its name, then those of its
-        folder."""
+    def chosen(self, file: str, function: str) -> list[str]:
+        """Names of the tests that a fault is tried with, in the order of their files."""
+        by_function = self.entries.by_function
+        seconds = by_function.get(f"{file}:{function}", {})
+        if not seconds:
+            mentioning = that_mention(self.folder, function.rpartition(".")[2])
+            for name in mentioning:
+                seconds = seconds | by_function.get(name, {})
+        by_file = defaultdict(list)
+        for test in seconds:
+            by_file[test.partition("::")[0]].append(test)
+
+        def distance(tests: str) -> tuple[int, float]:
+            times = [seconds[test] for test in by_file[tests]]
+            return -_near(file, tests), sum(times) / len(times)
+
+        chosen, spent_s = list[str](), 0.0
+        for tests in sorted(by_file, key=distance):
+            for test in by_file[tests]:
+                spent_s += seconds[test]
+                if spent_s <= TESTS_S or not chosen:
+                    chosen.append(test)
+        return chosen
+
+    def stages(self, file: str, function: str) -> list[list[str]]:
+        """Arguments of pytest for the tests that a fault is tried with, one run after another."""
+        if chosen := self.chosen(file, function):
+            names = self.scratch / "chosen.txt"
+            names.write_text("\n".join(chosen), encoding="utf-8")
+            files = dict.fromkeys(test.partition("::")[0] for test in chosen)
+            return [[f"--only={names}", *files]]
         above, _, inner = file.partition("/src/")
         own = [str(path) for path in sorted(self.folder.rglob(f"test_{Path(inner).stem}.py"))]
         folder = (self.folder / above / "tests").joinpath(*Path(inner).parent.parts[1:])
@@ -296,6 +334,8 @@ class Tree:
             "--color=no",
             "-p",
             "no:cacheprovider",
+            "-p",
+            "byte_code",
             f"--rootdir={self.folder}",
             *limit,
         )
@@ -305,10 +345,10 @@ class Tree:
             *(f"--deselect={name}" for name in self.broken),
             *arguments,
         ]
-        path = os.pathsep.join(map(str, self.folder.glob("packages/*/src")))
+        paths = [*self.folder.glob("packages/*/src"), self.folder / "tests/plugins"]
         env = {
             **os.environ,
-            "PYTHONPATH": path,
+            "PYTHONPATH": os.pathsep.join(map(str, paths)),
             "PYTHONDONTWRITEBYTECODE": "1",
             "OMP_NUM_THREADS": "1",
         }
@@ -337,11 +377,11 @@ class Tree:
             else failed_tests(log.read_text(errors="replace"))[0]
         )
 
-    def killer(self, file: str, wrong: str) -> str | None:
-        """The test near a file that finds a fault in it."""
+    def killer(self, file: str, function: str, wrong: str) -> str | None:
+        """The test that finds a fault in a function of a file."""
         path, doubtful = self.folder / file, list[str]()
         right = path.read_text(encoding="utf-8")
-        for stage in self.near(file):
+        for stage in self.stages(file, function):
             try:
                 path.write_text(wrong, encoding="utf-8")
                 while name := self.failure(*stage, *(f"--deselect={one}" for one in doubtful)):
@@ -359,6 +399,15 @@ class Tree:
             finally:
                 path.write_text(right, encoding="utf-8")
         return None
+
+
+def _near(file: str, tests: str) -> int:
+    """How many folders a file of tests has in common with the one of the module's name, and one
+    more if it is that."""
+    mirrored = Path(file.replace("/src/", "/tests/", 1))
+    own = mirrored.with_name(f"test_{mirrored.name}").parts
+    own = (*own[:3], *own[4:])  # without the folder of the package
+    return _common(own, Path(tests).parts)
 
 
 def failed_tests(output: str) -> list[str]:
@@ -383,8 +432,7 @@ def failed_tests(output: str) -> list[str]:
 
 
 def verdict(tree: Tree, mutant: dict[str, Any]) -> dict[str, Any]:
-    """Whether a mutant dies by a test near it, and by which; it is ``gone`` if the tree has no such
-    place."""
+    """Whether a mutant dies, and by which test; it is ``gone`` if the tree has no such place."""
     path, fault = (
         tree.folder / mutant["file"],
         Fault(*(mutant[name] for name in Fault.__dataclass_fields__)),
@@ -393,7 +441,8 @@ def verdict(tree: Tree, mutant: dict[str, Any]) -> dict[str, Any]:
     if fault not in faults(text):
         return {"state": "gone"}
     start_s = time.monotonic()
-    test = tree.killer(mutant["file"], mutated(text, fault, faults(text)[fault]))
+    wrong = mutated(text, fault, faults(text)[fault])
+    test = tree.killer(mutant["file"], fault.function, wrong)
     return {
         "state": "died" if test else "survived",
         "test": test,
@@ -415,7 +464,7 @@ def shown(mutant: dict[str, Any]) -> str:
     ).replace("|", "\\|")
 
 
-def _common(one: str, other: str) -> int:
+def _common(one: Sequence[str], other: Sequence[str]) -> int:
     return next(
         (i for i, (a, b) in enumerate(zip(one, other, strict=False)) if a != b),
         min(len(one), len(other)),
@@ -452,7 +501,10 @@ def main(session: Session) -> None:
         print(report(session.known() or read_result(session.published())))
         return
     with tempfile.TemporaryDirectory(prefix="mutants-") as scratch:
-        tree = Tree.make(Path(scratch), result.get("broken", []))
+        known = session.folder / "entries.json"
+        if session.is_again:
+            known.unlink(missing_ok=True)
+        tree = Tree.make(Path(scratch), known, result.get("broken", []))
         if result.get("setup") != setup:
             mutants = draw(tree.folder, args.seed, args.count)
             result = {"setup": setup, "mutants": mutants, "verdicts": {}, "broken": tree.broken}
