@@ -18,12 +18,9 @@ module's name, then those of its folder. A fault that only further tests find co
 from __future__ import annotations
 
 import ast
-import contextlib
 import copy
-import os
 import random
 import re
-import signal
 import subprocess
 import sys
 import tempfile
@@ -36,6 +33,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from benchmarks.entries import Entries, complete, that_mention
+from benchmarks.forked_tests import ForkedTests
 from benchmarks.formatting import table
 from benchmarks.session import Session, read_result
 
@@ -45,6 +43,7 @@ TEMPLATES = "cli/templates"
 TEST_S, QUIET_S = 180.0, 400.0
 """Longest time of a test without a limit of its own, and of a run of pytest that reports
 nothing."""
+LOG = "log.txt"
 TESTS_S = 60.0
 """CPU time of the tests that a fault is tried with, without the start of pytest."""
 
@@ -270,6 +269,7 @@ class Tree:
     folder: Path
     scratch: Path
     entries: Entries
+    runs: ForkedTests
     broken: list[str]
     """Tests that fail here without a fault; they are left out."""
 
@@ -281,10 +281,10 @@ class Tree:
         for copied in (folder, scratch / "noted"):
             command = ["git", "clone", "--quiet", "--shared", ROOT, copied]
             subprocess.run(command, check=True)  # noqa: S603
-        tree = cls(folder, scratch, complete(known, scratch / "noted"), broken)
+        entries = complete(known, scratch / "noted")
         arguments = ("-m", "compileall", "-q", "--invalidation-mode", "checked-hash")
         subprocess.run([sys.executable, *arguments, *folder.glob("packages/*/src")], check=True)  # noqa: S603
-        return tree
+        return cls(folder, scratch, entries, ForkedTests(folder, scratch / LOG), broken)
 
     def chosen(self, file: str, function: str) -> list[str]:
         """Names of the tests that a fault is tried with, in the order of their files."""
@@ -338,6 +338,8 @@ class Tree:
             "byte_code",
             f"--rootdir={self.folder}",
             *limit,
+            "-m",
+            "not slow and not realtime",
         )
         words = [
             *options,
@@ -345,36 +347,11 @@ class Tree:
             *(f"--deselect={name}" for name in self.broken),
             *arguments,
         ]
-        paths = [*self.folder.glob("packages/*/src"), self.folder / "tests/plugins"]
-        env = {
-            **os.environ,
-            "PYTHONPATH": os.pathsep.join(map(str, paths)),
-            "PYTHONDONTWRITEBYTECODE": "1",
-            "OMP_NUM_THREADS": "1",
-        }
-        command = [sys.executable, "-m", "pytest", "-m", "not slow and not realtime", *words]
-        log = self.scratch / "log.txt"
-        with log.open("w") as out:
-            process = subprocess.Popen(  # noqa: S603
-                command,
-                cwd=self.folder,
-                env=env,
-                stdout=out,
-                stderr=subprocess.STDOUT,
-                start_new_session=True,
-            )
-            try:
-                while process.poll() is None and time.time() - log.stat().st_mtime < QUIET_S:
-                    with contextlib.suppress(subprocess.TimeoutExpired):
-                        process.wait(10)
-            finally:
-                with contextlib.suppress(ProcessLookupError):
-                    os.killpg(process.pid, signal.SIGKILL)  # also what tests have left behind
-                process.wait()
+        code = self.runs.run(words, QUIET_S)
         return (
             None
-            if process.returncode in (0, 5)
-            else failed_tests(log.read_text(errors="replace"))[0]
+            if code in (0, 5)
+            else failed_tests((self.scratch / LOG).read_text(errors="replace"))[0]
         )
 
     def killer(self, file: str, function: str, wrong: str) -> str | None:
@@ -513,4 +490,5 @@ def main(session: Session) -> None:
                 result["verdicts"][str(i)] = judged = verdict(tree, mutant)
                 session.write(result)
                 print(i, *(judged.get(key) for key in ("state", "test", "seconds")), flush=True)
+        tree.runs.close()
     print(report(result))
