@@ -291,8 +291,7 @@ class Tree:
         by_function = self.entries.by_function
         seconds = by_function.get(f"{file}:{function}", {})
         if not seconds:
-            mentioning = that_mention(self.folder, function.rpartition(".")[2])
-            for name in mentioning:
+            for name in that_mention(self.folder, function.rpartition(".")[2]):
                 seconds = seconds | by_function.get(name, {})
         by_file = defaultdict(list)
         for test in seconds:
@@ -305,9 +304,9 @@ class Tree:
         chosen, spent_s = list[str](), 0.0
         for tests in sorted(by_file, key=distance):
             for test in by_file[tests]:
-                spent_s += seconds[test]
-                if spent_s <= TESTS_S or not chosen:
+                if spent_s + seconds[test] <= TESTS_S or not chosen:
                     chosen.append(test)
+                    spent_s += seconds[test]
         return chosen
 
     def stages(self, file: str, function: str) -> list[list[str]]:
