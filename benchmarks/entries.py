@@ -65,7 +65,8 @@ def read(path: Path) -> Entries:
 
 def complete(path: Path, tree: Path) -> Entries:
     """The map in a file, with what the tests enter whose files are not in it as they are now. It is
-    written after each house. The tree is for this alone: its byte code is replaced."""
+    written after each house, the small ones first. The tree is for this alone: its byte code is
+    replaced."""
     known = read(path)
     digests = {
         str(test.relative_to(tree)): hashlib.sha256(test.read_bytes()).hexdigest()
@@ -75,9 +76,9 @@ def complete(path: Path, tree: Path) -> Entries:
     missing: dict[str, list[str]] = defaultdict(list)
     for file in digests:
         if file not in tests:
-            missing[file.partition("/tests/")[0]].append(file)
+            missing[file.partition("tests/")[0]].append(file)
     functions = compile_with_notes(tree, known.functions) if missing else known.functions
-    for files in missing.values():
+    for files in sorted(missing.values(), key=len):
         found = _record(tree, files)
         tests |= {file: {"digest": digests[file], "tests": found.get(file, {})} for file in files}
         write_durably(path, json.dumps({"functions": functions, "tests": tests}).encode())
