@@ -290,7 +290,7 @@ class Tree:
         """Names of the tests that a fault is tried with, in the order of their files."""
         by_function = self.entries.by_function
         seconds = by_function.get(f"{file}:{function}", {})
-        if not seconds:
+        if f"{file}:{function}" not in self.entries.functions:
             for name in that_mention(self.folder, function.rpartition(".")[2]):
                 seconds = seconds | by_function.get(name, {})
         by_file = defaultdict(list)

@@ -84,7 +84,7 @@ def test_the_nearest_tests_come_first_and_no_more_than_a_minute_of_them(tree):
             "packages/brickhub/tests/test_thing.py": 50.0,
         }.items()
     }
-    entries = Entries(names("outer"), tests)
+    entries = Entries(names("outer", "Thing.idle"), tests)
     chosen = Tree(tree, tree, entries, None, []).chosen  # type: ignore[arg-type]
     file = "packages/brickhub/src/things/thing.py"
     own, near, far = (
