@@ -11,8 +11,9 @@ and passes without it. What never ends has failed. Verdicts in the result are no
 
 The tests are those that enter the function (`benchmarks.entries` makes the map first, which takes
 as long as all tests), or, for a constant of a module or class, a function that mentions it: those
-nearest to the file first, up to a minute of them. Where there are none, they are the tests of the
-module's name, then those of its folder. A fault that only further tests find counts as alive.
+nearest to the file first, up to a minute of them. Where no test enters it, they are those of the
+module's name, and, if the whole module is executed by something else than Python, as programs on
+the hub, those of its folder too. A fault that only further tests find counts as alive.
 """
 
 from __future__ import annotations
@@ -318,10 +319,13 @@ class Tree:
             return [[f"--only={names}", *files]]
         above, _, inner = file.partition("/src/")
         own = [str(path) for path in sorted(self.folder.rglob(f"test_{Path(inner).stem}.py"))]
+        stages = [[path] for path in own]
+        if any(name.startswith(f"{file}:") for name in self.entries.by_function):
+            return stages
         folder = (self.folder / above / "tests").joinpath(*Path(inner).parent.parts[1:])
         while not folder.is_dir():
             folder = folder.parent
-        return [*([path] for path in own), [str(folder), *(f"--ignore={path}" for path in own)]]
+        return [*stages, [str(folder), *(f"--ignore={path}" for path in own)]]
 
     def failure(self, *arguments: str) -> str | None:
         """Run pytest up to the first failure; the name of the test that failed."""
