@@ -12,8 +12,8 @@ and passes without it. What never ends has failed. Verdicts in the result are no
 The tests are those that enter the function (`benchmarks.entries` makes the map first, which takes
 as long as all tests), or, for a constant of a module or class, a function that mentions it: those
 nearest to the file first, up to a minute of them. Where no test enters it, they are those of the
-module's name, and, if the whole module is executed by something else than Python, as programs on
-the hub, those of its folder too. A fault that only further tests find counts as alive.
+module's name, and for a module that Python does not execute, as programs on the hub, those of the
+house. A fault that only further tests find counts as alive.
 """
 
 from __future__ import annotations
@@ -289,11 +289,7 @@ class Tree:
 
     def chosen(self, file: str, function: str) -> list[str]:
         """Names of the tests that a fault is tried with, in the order of their files."""
-        by_function = self.entries.by_function
-        seconds = by_function.get(f"{file}:{function}", {})
-        if f"{file}:{function}" not in self.entries.functions:
-            for name in that_mention(self.folder, function.rpartition(".")[2]):
-                seconds = seconds | by_function.get(name, {})
+        seconds = self._candidates(file, function)
         by_file = defaultdict(list)
         for test in seconds:
             by_file[test.partition("::")[0]].append(test)
@@ -310,22 +306,21 @@ class Tree:
                     spent_s += seconds[test]
         return chosen
 
-    def stages(self, file: str, function: str) -> list[list[str]]:
-        """Arguments of pytest for the tests that a fault is tried with, one run after another."""
-        if chosen := self.chosen(file, function):
-            names = self.scratch / "chosen.txt"
-            names.write_text("\n".join(chosen), encoding="utf-8")
-            files = dict.fromkeys(test.partition("::")[0] for test in chosen)
-            return [[f"--only={names}", *files]]
-        above, _, inner = file.partition("/src/")
-        own = [str(path) for path in sorted(self.folder.rglob(f"test_{Path(inner).stem}.py"))]
-        stages = [[path] for path in own]
-        if any(name.startswith(f"{file}:") for name in self.entries.by_function):
-            return stages
-        folder = (self.folder / above / "tests").joinpath(*Path(inner).parent.parts[1:])
-        while not folder.is_dir():
-            folder = folder.parent
-        return [*stages, [str(folder), *(f"--ignore={path}" for path in own)]]
+    def _candidates(self, file: str, function: str) -> dict[str, float]:
+        """Seconds of the tests that may find a fault, by their names."""
+        by_function = self.entries.by_function
+        found = dict(by_function.get(f"{file}:{function}", {}))
+        if f"{file}:{function}" not in self.entries.functions:
+            for name in that_mention(self.folder, function.rpartition(".")[2]):
+                found |= by_function.get(name, {})
+        if found:
+            return found
+        own, house = f"/test_{Path(file).name}", file.partition("src/")[0]
+        is_entered = any(name.startswith(f"{file}:") for name in by_function)
+        for tests, one in self.entries.tests.items():
+            if tests.endswith(own) or (not is_entered and tests.startswith(house)):
+                found |= {test: seconds for test, (seconds, _) in one["tests"].items()}
+        return found
 
     def failure(self, *arguments: str) -> str | None:
         """Run pytest up to the first failure; the name of the test that failed."""
@@ -361,23 +356,27 @@ class Tree:
         """The test that finds a fault in a function of a file."""
         path, doubtful = self.folder / file, list[str]()
         right = path.read_text(encoding="utf-8")
-        for stage in self.stages(file, function):
-            try:
-                path.write_text(wrong, encoding="utf-8")
-                while name := self.failure(*stage, *(f"--deselect={one}" for one in doubtful)):
-                    alone = (
-                        [*stage, "--collect-only"] if name.startswith("pytest itself") else [name]
-                    )
-                    again = self.failure(*alone)
-                    path.write_text(right, encoding="utf-8")
-                    fails_anyway = self.failure(*alone) is not None
-                    if (again and not fails_anyway) or name in doubtful:
-                        return name.replace(f"{self.folder}/", "")
-                    self.broken.extend([name] if fails_anyway else [])
-                    doubtful.append(name)
-                    path.write_text(wrong, encoding="utf-8")
-            finally:
+        chosen = self.chosen(file, function)
+        if not chosen:
+            return None
+        names = self.scratch / "chosen.txt"
+        names.write_text("\n".join(chosen), encoding="utf-8")
+        files = dict.fromkeys(test.partition("::")[0] for test in chosen)
+        tests = [f"--only={names}", *files]
+        try:
+            path.write_text(wrong, encoding="utf-8")
+            while name := self.failure(*tests, *(f"--deselect={one}" for one in doubtful)):
+                alone = [*tests, "--collect-only"] if name.startswith("pytest itself") else [name]
+                again = self.failure(*alone)
                 path.write_text(right, encoding="utf-8")
+                fails_anyway = self.failure(*alone) is not None
+                if (again and not fails_anyway) or name in doubtful:
+                    return name.replace(f"{self.folder}/", "")
+                self.broken.extend([name] if fails_anyway else [])
+                doubtful.append(name)
+                path.write_text(wrong, encoding="utf-8")
+        finally:
+            path.write_text(right, encoding="utf-8")
         return None
 
 
