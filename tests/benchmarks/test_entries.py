@@ -98,4 +98,7 @@ def test_the_nearest_tests_come_first_and_no_more_than_a_minute_of_them(tree):
     assert chosen(file, "outer") == [own, near, far]
     # a constant: by the functions that mention it
     assert chosen(file, "LIMIT") == [own, near, far]
-    assert chosen(file, "Thing.idle") == []
+    # what no test enters: by those of the module's name
+    assert chosen(file, "Thing.idle") == [own]
+    # what Python does not execute: by those of the house
+    assert chosen(file.replace("thing", "other"), "idle") == [near, own]
