@@ -202,7 +202,8 @@ def test_options_of_the_walker(options: dict[str, float], fits: bool) -> None:
 
 
 def test_steps_of_the_walker_fill_25_seconds() -> None:
-    assert [walker.walker("W-v0", step_ms=ms).max_steps for ms in (250, 300, 25_000)] == [100, 83, 1]
+    steps = [walker.walker("W-v0", step_ms=ms).max_steps for ms in (250, 300, 25_000)]
+    assert steps == [100, 83, 1]
     assert walker.walker("W-v0", max_steps=7).max_steps == 7
     task = walker.walker("W-v0", blocked_at_mm=50.0)
     assert task.blocked is not None
