@@ -22,6 +22,9 @@ from brickhub.hub.interface import (
     Command,
     Curve,
     Distance,
+    DriveSpeed,
+    DriveStraight,
+    DriveTurnRate,
     HubButton,
     HubLight,
     HubSound,
@@ -34,6 +37,7 @@ from brickhub.hub.interface import (
     RunSpeed,
     SensorReading,
     TrackTarget,
+    Turn,
     UntilDone,
     Wait,
     YawRate,
@@ -269,3 +273,19 @@ def test_what_is_within_is_taken_and_what_is_beyond_is_refused(name: str) -> Non
         with pytest.raises(BricksError) as caught:
             make(value)
         assert "\n" not in str(caught.value), value
+
+
+@pytest.mark.parametrize(
+    "one",
+    [DriveStraight(-9, 9), Turn(-9, 9), Curve(-9, 9, 100), DriveSpeed(-9, 9), DriveTurnRate(-9, 9)],
+    ids=lambda one: one.name,
+)
+def test_wheels_of_a_drive_base_turn_endlessly(one: Command) -> None:
+    for name in ("left", "right"):
+        motors = [
+            replace(motor, range_deg=(-90, 90)) if motor.name == name else motor
+            for motor in TWO_WHEELER.motors
+        ]
+        with pytest.raises(BricksError, match=f"motor '{name}' of the drive base has a range"):
+            one.check(replace(TWO_WHEELER, motors=tuple(motors)))
+    one.check(TWO_WHEELER)
