@@ -14,6 +14,10 @@ as long as all tests), or, for a constant of a module or class, a function that 
 nearest to the file first, up to a minute of them. Where no test enters it, they are those of the
 module's name, and for a module that Python does not execute, as programs on the hub, those of the
 house. A fault that only further tests find counts as alive.
+
+Not drawn is what makes an equal program: no size of a cache, no ``strict`` of a ``zip``, no
+``check=False`` of `subprocess.run`, which is its default; and nothing in annotations, decorators
+and texts.
 """
 
 from __future__ import annotations
@@ -114,8 +118,17 @@ def _calls(node: ast.Call) -> Iterator[Change]:
     if isinstance(node.func, ast.Name) and (other := _EXTREMES.get(node.func.id)):
         yield "extreme", _with(node, func=ast.Name(other))
     for i, keyword in enumerate(node.keywords):
-        if keyword.arg and keyword.arg != "strict":
+        if keyword.arg and keyword.arg != "strict" and not _is_default(keyword):
             yield "keyword", _with(node, keywords=node.keywords[:i] + node.keywords[i + 1 :])
+
+
+def _is_cache(function: ast.expr) -> bool:
+    return ast.unparse(function) in ("lru_cache", "functools.lru_cache")
+
+
+def _is_default(keyword: ast.keyword) -> bool:
+    """Whether it says what holds without it: ``check=False`` of `subprocess.run`."""
+    return keyword.arg == "check" and ast.unparse(keyword.value) == "False"
 
 
 def _expressions(node: ast.AST) -> Iterator[Change]:
@@ -135,7 +148,7 @@ def _expressions(node: ast.AST) -> Iterator[Change]:
             yield "and, or", _with(node, op=ast.Or() if isinstance(op, ast.And) else ast.And())
         case ast.UnaryOp(op=ast.Not(), operand=operand):
             yield "not", operand
-        case ast.Call():
+        case ast.Call() if not _is_cache(node.func):
             yield from _calls(node)
 
 
@@ -174,6 +187,8 @@ def _children(node: ast.AST) -> list[ast.AST]:
         case ast.If(test=test) if ast.unparse(test) in ("TYPE_CHECKING", "__name__ == '__main__'"):
             return []
         case ast.JoinedStr():
+            return []
+        case ast.Call(func=function) if _is_cache(function):
             return []
     return list(ast.iter_child_nodes(node))
 
