@@ -295,7 +295,7 @@ class Tree:
         by the digest of its source, so that no fault is missed."""
         folder = scratch / "tree"
         for copied in (folder, scratch / "noted"):
-            command = ["git", "clone", "--quiet", "--shared", ROOT, copied]
+            command = ["git", "clone", "--quiet", "--shared", str(ROOT), str(copied)]
             subprocess.run(command, check=True)  # noqa: S603
         entries = complete(known, scratch / "noted")
         arguments = ("-m", "compileall", "-q", "--invalidation-mode", "checked-hash")
