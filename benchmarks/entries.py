@@ -171,7 +171,7 @@ def _record(tree: Path, files: list[str]) -> dict[str, dict[str, Any]]:
             "BRICKS_TESTS_ENTRIES": name,
         }
         options = ("-p", "entry_record", "-p", "no:cacheprovider")
-        marks = ("-m", "not slow and not realtime", "-q", "--tb=no", f"--rootdir={tree}")
+        marks = ("-m", "not slow", "-q", "--tb=no", f"--rootdir={tree}")
         command = [sys.executable, "-m", "pytest", *options, *marks, *files]
         subprocess.run(command, cwd=tree, env=env, check=False)  # noqa: S603
         return _found(folder)

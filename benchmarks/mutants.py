@@ -5,7 +5,7 @@
 
 Faults of the last commit are drawn by a seed, two thirds of them in the two lower houses: a file by
 its number of statements, then an operator, then a place. Each is put into a copy of the tree, where
-tests run up to the first that fails. It counts if the test, run alone, fails again with the fault
+tests of `make test` run up to the first that fails. It counts if the test, run alone, fails again with the fault
 and passes without it. What never ends has failed. Verdicts in the result are not repeated, unless
 `--only` names them: an interrupted script resumes.
 
@@ -352,7 +352,7 @@ class Tree:
             f"--rootdir={self.folder}",
             *limit,
             "-m",
-            "not slow and not realtime",
+            "not slow",
         )
         words = [
             *options,
