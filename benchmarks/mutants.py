@@ -5,9 +5,9 @@
 
 Faults of the last commit are drawn by a seed, two thirds of them in the two lower houses: a file by
 its number of statements, then an operator, then a place. Each is put into a copy of the tree, where
-tests of `make test` run up to the first that fails. It counts if the test, run alone, fails again with the fault
-and passes without it. What never ends has failed. Verdicts in the result are not repeated, unless
-`--only` names them: an interrupted script resumes.
+tests of `make test` run up to the first that fails. It counts if the test, run alone, fails again
+with the fault and passes without it. What never ends has failed. Verdicts in the result are not
+repeated, unless `--only` names them: an interrupted script resumes.
 
 The tests are those that enter the function (`benchmarks.entries` makes the map first, which takes
 as long as all tests), or, for a constant of a module or class, a function that mentions it: those
