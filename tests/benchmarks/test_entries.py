@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -35,15 +36,17 @@ PLUGINS = Path(__file__).parents[1] / "plugins"
 
 @pytest.fixture
 def tree(tmp_path: Path) -> Path:
-    folder = tmp_path / "packages/brickhub/src/things"
+    folder = tmp_path / "packages/brickhub/src/brick"
     folder.mkdir(parents=True)
     (folder / "__init__.py").write_text("")
     (folder / "thing.py").write_text(MODULE)
+    (tmp_path / "tests/plugins").mkdir(parents=True)
+    shutil.copy(PLUGINS / "entered.py", tmp_path / "tests/plugins")
     return tmp_path
 
 
 def names(*functions: str) -> list[str]:
-    return [f"packages/brickhub/src/things/thing.py:{name}" for name in functions]
+    return [f"packages/brickhub/src/brick/thing.py:{name}" for name in functions]
 
 
 def test_what_a_process_enters_is_noted_and_texts_stay(tree, tmp_path):
@@ -51,11 +54,11 @@ def test_what_a_process_enters_is_noted_and_texts_stay(tree, tmp_path):
     functions = compile_with_notes(tree, known)
     assert functions == known + names("outer", "outer.inner", "Thing.idle", "Thing.busy")
     program = (
-        "import inspect, things.thing as t; t.outer(); t.outer(); print(t.outer.__doc__, "
+        "import inspect, brick.thing as t; t.outer(); t.outer(); print(t.outer.__doc__, "
         "inspect.getsource(t.Thing.busy).split()[1])"
     )
     file = tmp_path / "noted"
-    paths = os.pathsep.join(map(str, (tree / "packages/brickhub/src", PLUGINS)))
+    paths = str(tree / "packages/brickhub/src")
     out = subprocess.run(
         [sys.executable, "-S", "-c", program],
         env={**os.environ, "PYTHONPATH": paths, "BRICKS_TESTS_ENTERED": str(file)},
@@ -86,7 +89,7 @@ def test_the_nearest_tests_come_first_and_no_more_than_a_minute_of_them(tree):
     }
     entries = Entries(names("outer", "Thing.idle"), tests)
     chosen = Tree(tree, tree, entries, None, []).chosen  # type: ignore[arg-type]
-    file = "packages/brickhub/src/things/thing.py"
+    file = "packages/brickhub/src/brick/thing.py"
     own, near, far = (
         f"packages/{name}::test"
         for name in (
