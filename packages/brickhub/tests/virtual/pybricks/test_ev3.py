@@ -269,6 +269,23 @@ print(infrared.read(0), infrared.read(1), infrared.read(2), infrared.read(3))
     assert printed[3].endswith(" (0, 0, 0, 0) (384,)")
 
 
+def test_a_sensor_says_nothing_for_some_time_after_another_mode() -> None:
+    """30 ms of a color sensor, 1100 ms of an infrared one (``lego/device.h``), and the next
+    millisecond."""
+    source = """
+from pybricks.tools import StopWatch
+infrared, color = InfraredSensor(Port.S4), ColorSensor(Port.S2)
+watch = StopWatch()
+def took(call, *values):
+    watch.reset()
+    call(*values)
+    return watch.time()
+print(took(infrared.distance), took(infrared.beacon, 1), took(infrared.beacon, 1))
+print(took(color.reflection), took(color.ambient), took(color.ambient), took(color.rgb))
+"""
+    assert on_brick(source) == "0 1101 0\n0 31 0 31"
+
+
 def test_what_is_open_or_at_rest() -> None:
     source = """
 brick = EV3Brick()
