@@ -94,6 +94,9 @@ def compile_with_notes(tree: Path, functions: list[str]) -> list[str]:
     shutil.copy(tree / NOTES, tree / "packages/brickhub/src")
     numbers = {name: number for number, name in enumerate(functions)}
     for path in sorted(tree.glob("packages/*/src/brick*/**/*.py")):
+        # what is no module of a package is only copied, or sent to a hub
+        if not (path.parent / "__init__.py").exists():
+            continue
         text = path.read_bytes()
         module = ast.parse(text)
         for node, name in named_functions(module):

@@ -298,7 +298,16 @@ class Tree:
             command = ["git", "clone", "--quiet", "--shared", str(ROOT), str(copied)]
             subprocess.run(command, check=True)  # noqa: S603
         entries = complete(known, scratch / "noted")
-        arguments = ("-m", "compileall", "-q", "--invalidation-mode", "checked-hash")
+        # a site copies whatever is in its folders
+        arguments = (
+            "-m",
+            "compileall",
+            "-q",
+            "--invalidation-mode",
+            "checked-hash",
+            "-x",
+            "/site/(static|programs)/",
+        )
         subprocess.run([sys.executable, *arguments, *folder.glob("packages/*/src")], check=True)  # noqa: S603
         return cls(folder, scratch, entries, ForkedTests(folder, scratch / LOG), broken)
 

@@ -1,8 +1,8 @@
 """``pytest -p entry_record``: the functions that each test enters, in a folder that the environment
 names.
 
-A line of JSON a test says its name, its CPU time, its file of numbers, and those of the fixtures
-that it shares.
+A line of JSON a test that passes says its name, its CPU time, its file of numbers, and those of the
+fixtures that it shares.
 """
 
 from __future__ import annotations
@@ -25,6 +25,7 @@ _folder = Path(os.environ[entered.FOLDER])
 _shared: dict[Any, str] = {}
 """File of each fixture that several tests have."""
 _last_file: list[Path] = []
+_not_passed: set[str] = set()
 
 os.environ[entered.FILE] = str(_folder / "import")
 
@@ -69,6 +70,8 @@ def pytest_runtest_protocol(item: pytest.Item) -> Iterator[Any]:
     begin_s = _cpu_s()
     with _noted_in(f"test-{number}"):
         result = yield
+    if item.nodeid in _not_passed:
+        return result
     definitions = getattr(item, "_fixtureinfo").name2fixturedefs.values()  # noqa: B009
     shared = [_shared[one] for several in definitions for one in several if one in _shared]
     line = {
@@ -79,6 +82,12 @@ def pytest_runtest_protocol(item: pytest.Item) -> Iterator[Any]:
     with (_folder / "tests").open("a", encoding="utf-8") as file:
         file.write(json.dumps(line) + "\n")
     return result
+
+
+def pytest_runtest_logreport(report: pytest.TestReport) -> None:
+    """Note what fails or is skipped here: it can find nothing."""
+    if report.outcome != "passed":
+        _not_passed.add(report.nodeid)
 
 
 def _clear_caches() -> None:
