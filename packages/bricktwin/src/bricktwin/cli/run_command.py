@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from brickhub.target import Target
     from brickhub.virtual.body import Body
     from brickhub.virtual.room import Room
-    from bricktwin.twin.arena import ArenaWorld
+    from bricktwin.twin.mujoco_arena import ArenaWorld
 
 _APART_M = 0.5
 """Distance between neighbours of several robots."""
@@ -116,7 +116,8 @@ class Run(run.Run):
         import numpy as np
 
         from brickhub.robot import BENCH
-        from bricktwin.twin.arena import Arena, ArenaWorld, Contestant, Place
+        from bricktwin.twin.arena import Arena, Contestant, Place
+        from bricktwin.twin.mujoco_arena import ArenaWorld
         from bricktwin.twin.scene import OPEN_FLOOR
 
         contestants = []
