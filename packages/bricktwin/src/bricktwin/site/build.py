@@ -13,7 +13,7 @@ from bricktwin.robots import CART
 from bricktwin.site.houses import kit_package
 from bricktwin.site.names import bluetooth_names, device_table, pybricks_names
 from bricktwin.site.packages import SiteError
-from bricktwin.site.robots import OWN, write_robots
+from bricktwin.site.robots import OWN, write_robots, write_together
 from bricktwin.site.runtimes import put_runtimes
 from bricktwin.site.storing import write_json, write_packed
 from bricktwin.site.tab.plain_values import read_plain
@@ -76,6 +76,7 @@ def build_site(
             robots = (*robots, CART)
         index = write_robots(fresh, robots, drivers_worlds, _named_worlds(offered, policies))
         write_json(fresh / "robots.json", index)
+        write_json(fresh / "together.json", write_together(fresh, robots))
         write_json(fresh / "programs.json", offered)
         write_json(fresh / "pybricks.json", pybricks_names())
         write_json(fresh / "devices.json", device_table())

@@ -28,6 +28,15 @@ _MAX_DRAWS = 20_000
 """Start poses that are drawn before an arena counts as too narrow."""
 _DRAWS_AT_ONCE = 200
 """Start poses that are drawn for one arrangement of the first robots."""
+_APART_M = 0.5
+"""Distance between neighbours that stand side by side."""
+_COLORS = (
+    (0.1, 0.6, 0.6),
+    (0.9, 0.5, 0.1),
+    (0.55, 0.35, 0.75),
+    (0.85, 0.25, 0.35),
+)
+"""Colours by which neighbours are known."""
 _MAX_MOTORS = 31
 """Number of actuator groups that MuJoCo can disable."""
 
@@ -125,6 +134,31 @@ class Arena:
         names = ", ".join(contestant.name for contestant in self.robots)
         text = f"no starts were found where {names} are {self.gap_m:g} m apart"
         return TwinError(f"{text}; give them other places, or the arena a smaller gap_m")
+
+
+def side_by_side(
+    robots: Sequence[Robot],
+    numbers: Sequence[int] | None = None,
+) -> Arena:
+    """An open floor with robots that stand side by side and look ahead.
+
+    Args:
+        robots: from right to left.
+        numbers: of their names, ``robot1`` for 0; by default in their order.
+    """
+    contestants = []
+    for place, robot in enumerate(robots):
+        number = place if numbers is None else numbers[place]
+        y_m = place * _APART_M
+        contestants.append(
+            Contestant(
+                f"robot{number + 1}",
+                robot,
+                Place(y_m=(y_m, y_m)),
+                _COLORS[number % len(_COLORS)],
+            )
+        )
+    return Arena(tuple(contestants), gap_m=0.0)
 
 
 class SharedWorld(Generic[B]):
@@ -243,6 +277,10 @@ class SharedWorld(Generic[B]):
             x_m, y_m, _, *orientation = self.engine.qpos[address : address + 7]
             poses.append(Pose(x_m, y_m, clockwise_deg(orientation)))
         return poses
+
+    def distance_m(self, one: int, other: int) -> float:
+        """True distance of two robots, by number."""
+        return _apart_m(self.bodies[one].pose(), self.bodies[other].pose())
 
     def advance_for(
         self,
