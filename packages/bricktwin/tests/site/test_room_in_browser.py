@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -35,8 +34,10 @@ while True:
 """
 
 
-def printed(folder: Path, programs: dict[str, str], world: ArenaWorld | None = None) -> str:
-    """What programs print together in a terminal."""
+def printed(
+    folder: Path, programs: dict[str, str], world: ArenaWorld | None = None
+) -> tuple[str, str]:
+    """Output and errors of programs that run together in a terminal."""
     paths = []
     for name, source in programs.items():
         (folder / name).write_text(source, encoding="utf-8")
@@ -49,16 +50,23 @@ def printed(folder: Path, programs: dict[str, str], world: ArenaWorld | None = N
         room = Room(files, stdout=out, stderr=err, distance_m=world.distance_m)
         world.runners = [partial(room.run_until, number) for number in range(len(paths))]
     room.run()
-    return out.getvalue().decode() + err.getvalue()
+    return out.getvalue().decode(), err.getvalue()
 
 
-def open_room(page: Page, *sources: str) -> dict[str, str]:
-    """Open programs on a hub each; returns them by the names that they have in the page."""
-    programs = {open_program(page, sources[0], "left.py"): sources[0]}
-    for name, source in zip(("right.py", "third.py"), sources[1:], strict=False):
-        page.click("#add-hub")
+@pytest.fixture(scope="module")
+def room(page: Page) -> Page:
+    """The page with two hubs in one room."""
+    page.click("#add-hub")
+    assert page.locator("#hubs [role=tab]").count() == 2
+    return page
+
+
+def open_on_hubs(page: Page, *sources: str) -> dict[str, str]:
+    """Open a program on each hub; returns them by the names that they have in the page."""
+    programs = {}
+    for number, (name, source) in enumerate(zip(("left.py", "right.py"), sources, strict=True)):
+        page.locator("#hubs [role=tab]").nth(number).click()
         programs[open_program(page, source, name)] = source
-    assert page.locator("#hubs [role=tab]").count() == len(sources)
     return programs
 
 
@@ -72,66 +80,76 @@ def run_room(page: Page, rate: str = "fast") -> tuple[str, str]:
     return page.text_content("#console") or "", page.text_content("#state") or ""
 
 
-@pytest.fixture(autouse=True)
-def alone_again(page: Page) -> Iterator[None]:
-    yield
-    while page.is_visible("#remove-hub"):
-        page.click("#remove-hub")
-    page.select_option("#robot", "bench")
+def test_benches_print_what_they_print_in_a_terminal(room: Page, tmp_path: Path) -> None:
+    """In the order of a terminal, to the last character. Errors, which a terminal has in a stream
+    of their own, are where they happened."""
+    programs = open_on_hubs(room, SENDER, LISTENER)
+    shown, state = run_room(room)
+    out, err = printed(tmp_path, programs)
+    assert err in shown
+    assert shown.replace(err, "") == out
+    assert state == "error"
+    # The second hub is shown, whose program has failed.
+    assert room.text_content("#error") == "Line 12: ZeroDivisionError: divide by zero"
+    room.locator("#hubs [role=tab]").first.click()
+    assert room.locator(".cm-lintRange-error").count() == 0
 
 
-def test_benches_print_what_they_print_in_a_terminal(page: Page, tmp_path: Path) -> None:
-    """Three hubs, one of which ends with an error, in the order of a terminal to the last
-    character."""
-    programs = open_room(page, SENDER, LISTENER, LISTENER.replace("900", "300"))
-    shown, state = run_room(page)
-    expected = printed(tmp_path, programs)
-    # A terminal's streams are two; on the page an error is where it happened.
-    lines = shown.splitlines()
-    errors = [line for line in lines if line not in expected.split("Traceback")[0]]
-    assert sorted(lines) == sorted(expected.splitlines())
-    kept = [line for line in lines if "Traceback" not in line and "Error" not in line]
-    kept = [line for line in kept if 'File "' not in line]
-    assert kept == [line for line in expected.splitlines() if line in kept]
-    assert state == "error" and errors
-
-
-def test_robots_share_a_world(page: Page, tmp_path: Path) -> None:
-    programs = open_room(page, DRIVER, FOLLOWER)
-    page.select_option("#robot", "scout")
-    page.click("#hubs [role=tab]:first-child")
-    page.select_option("#robot", "two-wheeler")
+def test_robots_share_a_world(room: Page, tmp_path: Path) -> None:
+    programs = open_on_hubs(room, DRIVER, FOLLOWER)
+    room.select_option("#robot", "scout")
+    room.locator("#hubs [role=tab]").first.click()
+    # The other hub has got the same robot.
+    assert room.input_value("#robot") == "scout"
+    room.select_option("#robot", "two-wheeler")
     world = ArenaWorld(side_by_side((TWO_WHEELER, SCOUT)))
     world.place(np.random.default_rng(0))
-    shown, state = run_room(page)
+    shown, state = run_room(room)
     assert state == "finished"
-    assert shown == printed(tmp_path, programs, world)
-    frames = page.evaluate("Number(document.querySelector('#scene').dataset.frames)")
-    assert frames >= 2
+    assert shown == printed(tmp_path, programs, world)[0]
+    assert room.evaluate("Number(document.querySelector('#scene').dataset.frames)") >= 2
+    room.select_option("#robot", "bench")
 
 
-def test_each_hub_has_its_panel_and_stop_stops_all(page: Page) -> None:
-    open_room(page, BLINK.format(letter="L"), BLINK.format(letter="R"))
-    page.select_option("#rate", "1")
-    page.click("#run")
-    page.wait_for_selector("#hub .display[aria-label='Display: R']")
-    page.click("#hubs [role=tab]:first-child")
-    page.wait_for_selector("#hub .display[aria-label='Display: L']")
-    left = page.get_by_role("button", name="Left button")
-    left.hover()
-    page.mouse.down()
-    page.wait_for_function("document.querySelector('#console').textContent.includes('pressed')")
-    page.mouse.up()
-    assert page.text_content("#console") == "left: pressed\n"
-    page.click("#stop")
-    page.wait_for_selector("#state.stopped")
-    ends = [line.split(": ", 1)[1] for line in (page.text_content("#console") or "").splitlines()]
-    assert ends == ["pressed", *["The program was stopped (SystemExit)."] * 2]
+def test_each_hub_has_its_panel_and_stop_stops_all(room: Page) -> None:
+    left, _ = open_on_hubs(room, BLINK.format(letter="L"), BLINK.format(letter="R"))
+    room.select_option("#rate", "1")
+    room.click("#run")
+    room.wait_for_selector("#hub .display[aria-label='Display: R']")
+    room.locator("#hubs [role=tab]").first.click()
+    room.wait_for_selector("#hub .display[aria-label='Display: L']")
+    room.get_by_role("button", name="Left button").hover()
+    room.mouse.down()
+    room.wait_for_selector("#console:has-text('pressed')")
+    room.mouse.up()
+    assert room.text_content("#console") == f"{left.removesuffix('.py')}: pressed\n"
+    room.click("#stop")
+    room.wait_for_selector("#state.stopped")
+    lines = (room.text_content("#console") or "").splitlines()
+    stopped = "The program was stopped (SystemExit)."
+    assert sorted(line.split(": ", 1)[1] for line in lines) == [stopped, stopped, "pressed"]
 
 
 @pytest.mark.parametrize("width", [1280, 390])
-def test_a_room_is_no_wider_than_the_screen(page: Page, width: int) -> None:
-    open_room(page, "print(1)\n", "print(2)\n", "print(3)\n")
-    page.set_viewport_size({"width": width, "height": 800})
-    assert page.evaluate("document.documentElement.scrollWidth") <= width
-    page.set_viewport_size({"width": 1280, "height": 800})
+def test_a_room_is_no_wider_than_the_screen(room: Page, width: int) -> None:
+    room.set_viewport_size({"width": width, "height": 800})
+    assert room.evaluate("document.documentElement.scrollWidth") <= width
+    room.set_viewport_size({"width": 1280, "height": 800})
+
+
+def test_a_hub_goes_and_the_other_one_is_alone(room: Page) -> None:
+    open_on_hubs(room, "print('left')\n", "print('right')\n")
+    room.click("#remove-hub")
+    assert room.locator("#hubs [role=tab]").count() == 0
+    assert run_room(room) == ("left\n", "finished")
+
+
+def test_an_example_for_two_hubs_opens_both(room: Page) -> None:
+    room.select_option("#examples", label="Two hubs: one does what it hears")
+    tabs = room.locator("#hubs [role=tab]")
+    assert tabs.all_text_contents() == ["Hub 1: hear.py", "Hub 2: tell.py"]
+    assert room.input_value("#robot") == "two-wheeler"
+    shown, state = run_room(room)
+    assert state == "finished"
+    heard = [line.split(" at ")[0] for line in shown.splitlines()]
+    assert heard == [f"hear: number {number}" for number in range(4)]

@@ -297,8 +297,12 @@ async function begin() {
   }
 
   // An example brings the robot that it is for.
-  function takeExample({ name, source, robot, world }) {
+  function takeExample({ name, source, robot, world, partner }) {
+    const other = hub.hasWayIn && examples.find((one) => one.name === partner);
+    if (other) programs.add(other.name, other.source);
+    const otherName = programs.current;
     programs.add(name, source);
+    if (other) return void room.open([programs.current, otherName], robot);
     showProgram();
     if (robots.some((one) => one.name === robot) || robot === "bench") chooseRobot(robot, world ?? "");
   }

@@ -6,7 +6,7 @@ import { Hub } from "./hub.js";
 import { Mailbox } from "./mailbox.js";
 
 const BENCH = "bench", ROW = 8, STEP_MS = 5, REFUSED_CODE = 2, MOST = 4, RING_BYTES = 1 << 20;
-const COLOURS = ["#199999", "#e6801a", "#8c59bf", "#d9405a"]; // of the discs on the robots' hubs
+const COLOURS = ["#199999", "#e6801a"]; // of the discs on the robots' hubs
 
 export class Room {
   // `hub`: the first one. `programs`: of the user. `together`: together.json. `on`: ready(), selected(), changed(), happened(events,
@@ -63,6 +63,16 @@ export class Room {
     this.select(this.seats.length - 1);
   }
 
+  // Programs, on a hub each; with robots of that name if they share a world.
+  open(names, robot) {
+    const given = names.length === 2 && this.pair(robot, robot) ? robot : BENCH;
+    this.programs.hubs = names.map((program) => ({ program, robot: given }));
+    while (this.hubs.length < names.length) this.addHub();
+    while (this.hubs.length > names.length) this.hubs.pop().leave();
+    this.select(0);
+    this.on.changed();
+  }
+
   addHub() {
     const number = this.hubs.length;
     this.hubs.push(new Hub({
@@ -78,8 +88,9 @@ export class Room {
     this.seats.splice(this.selected, 1);
     // The worker of the last one goes: workers are of no program in particular.
     this.hubs.pop().leave();
-    if (this.seats.length === 1) [this.programs.robot] = this.seats.splice(0).map(({ robot }) => robot);
-    else this.programs.robot = this.seats[0].robot;
+    const [{ program, robot }] = this.seats;
+    Object.assign(this.programs, { current: program, robot });
+    if (!this.isShared) this.programs.hubs = [];
     this.on.changed();
     this.select(0);
   }
@@ -120,8 +131,8 @@ export class Room {
   show() {
     const order = this.world?.order;
     const tabs = this.seats.map(({ program }, number) => {
-      const dot = make("i", { className: "dot" });
-      dot.style.background = COLOURS[order ? order[number] : number];
+      const dot = make("i", { className: "dot", hidden: !order });
+      if (order) dot.style.background = COLOURS[order[number]];
       const tab = make("button", { type: "button", role: "tab", onclick: () => this.select(number) }, dot, `Hub ${number + 1}: ${program}`);
       tab.setAttribute("aria-selected", number === this.selected);
       return tab;
