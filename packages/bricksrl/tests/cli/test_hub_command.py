@@ -113,3 +113,19 @@ def test_robots_of_an_arena_have_programs(bricksrl, fails) -> None:
         "Tag-v0:runer",
         says="Tag-v0 has no robot 'runer' (did you mean 'runner'?); it has catcher, runner",
     )
+
+
+def test_own_i2c_device_on_a_robot_with_a_body(bricksrl, tmp_path):
+    (tmp_path / "bus.py").write_text(
+        "from brickhub.virtual.own_devices import OwnI2c\n"
+        "def far(robot):\n"
+        "    return OwnI2c(3, lambda register, length, time_s: bytes([round(robot.x_mm()) % 256]))\n"
+    )
+    path = tmp_path / "brick.py"
+    path.write_text(
+        "from pybricks.hubs import EV3Brick\nfrom pybricks.iodevices import I2CDevice\n"
+        "from pybricks.parameters import Port\nprint(I2CDevice(Port.S3, 3).read(9))\n"
+    )
+    plug = f"S3={tmp_path / 'bus.py'}:far"
+    done = bricksrl("hub", "run", str(path), "--robot", "ev3-driver", "--port", plug)
+    assert done.stdout == "b'\\x00'\n"
