@@ -115,17 +115,19 @@ def test_robots_of_an_arena_have_programs(bricksrl, fails) -> None:
     )
 
 
-def test_own_i2c_device_on_a_robot_with_a_body(bricksrl, tmp_path):
-    (tmp_path / "bus.py").write_text(
-        "from brickhub.virtual.own_devices import OwnI2c\n"
-        "def far(robot):\n"
-        "    return OwnI2c(3, lambda register, length, time_s: bytes([round(robot.x_mm()) % 256]))\n"
+def test_own_device_on_the_robot_of_an_environment(bricksrl, tmp_path):
+    (tmp_path / "own.py").write_text(
+        "from brickhub.virtual.own_devices import OwnDevice, OwnMode\n"
+        "def wheel(robot):\n"
+        "    turned = OwnMode('TURNED', lambda time_s: [round(robot.angle_deg('A'))])\n"
+        "    return OwnDevice(201, (turned,))\n"
     )
-    path = tmp_path / "brick.py"
+    path = tmp_path / "turn.py"
     path.write_text(
-        "from pybricks.hubs import EV3Brick\nfrom pybricks.iodevices import I2CDevice\n"
-        "from pybricks.parameters import Port\nprint(I2CDevice(Port.S3, 3).read(9))\n"
+        "from pybricks.iodevices import PUPDevice\nfrom pybricks.pupdevices import Motor\n"
+        "from pybricks.parameters import Port\nwheel, motor = PUPDevice(Port.F), Motor(Port.A)\n"
+        "motor.run_angle(500, 90)\nprint(motor.angle() - wheel.read(0)[0])\n"
     )
-    plug = f"S3={tmp_path / 'bus.py'}:far"
-    done = bricksrl("hub", "run", str(path), "--robot", "ev3-driver", "--port", plug)
-    assert done.stdout == "b'\\x00'\n"
+    plug = f"F={tmp_path / 'own.py'}:wheel"
+    done = bricksrl("hub", "run", str(path), "--robot", "RunAway-v0", "--port", plug)
+    assert done.stdout == "0\n"
