@@ -9,11 +9,12 @@ from brickhub.errors import DescriptionError
 from brickhub.hub.interface import Distance, Heading, Interface
 from brickhub.hub.trial_protocol import MOST_STEPS
 from brickhub.robot import Robot, UltrasonicSensor
+from brickhub.robot.line_edge import edge_of
 from bricktwin.site.tab.lessons import (
-    EDGE_PCT,
     Lesson,
     Record,
     follow_line,
+    light_of,
     stop_before_wall,
     walk,
 )
@@ -85,10 +86,12 @@ class AtEdge:
 
     Attributes:
         reflection: index of the channel.
+        edge_pct: what the sensor reads there.
         heading: none that matters, as the edge tells the way.
     """
 
     reflection: int
+    edge_pct: float
     heading: int | None = None
 
     def asked(self, observed: Sequence[float]) -> dict[str, float]:
@@ -100,7 +103,7 @@ class AtEdge:
 
     def is_there(self, observed: Sequence[float], first_heading_deg: float | None) -> bool:
         """Whether a robot that observes this is at the edge."""
-        return abs(observed[self.reflection] - EDGE_PCT) < _AT_EDGE_PCT
+        return abs(observed[self.reflection] - self.edge_pct) < _AT_EDGE_PCT
 
 
 @dataclass(frozen=True)
@@ -179,7 +182,8 @@ def stop_at_wall(robot: Robot) -> HubLesson:
 
 def follow_line_on_hub(robot: Robot) -> HubLesson:
     """Follow the edge of a line. Raises DescriptionError as the lesson does."""
-    return HubLesson(follow_line(robot), AtEdge(reflection=0))
+    edge = edge_of(robot, light_of(robot))
+    return HubLesson(follow_line(robot), AtEdge(reflection=0, edge_pct=edge.edge_pct))
 
 
 def _eyes(robot: Robot, purpose: str) -> str:
