@@ -130,11 +130,13 @@ class Seat:
             if limit_ms is not None and time_ms >= limit_ms:
                 on_limit()
             self._meet(time_ms)
-            next_ms = time_ms + CONTROL_LOOP_MS
+            set_alarm(time_ms + CONTROL_LOOP_MS)
+
+        def set_alarm(next_ms: int) -> None:
             machine.alarm_ms = next_ms if limit_ms is None else min(next_ms, limit_ms)
 
         machine.on_alarm = step
-        machine.alarm_ms = CONTROL_LOOP_MS
+        set_alarm(CONTROL_LOOP_MS)
 
     def leave(self) -> None:
         """Tell the others that this hub's program has ended."""
