@@ -16,10 +16,10 @@ from typing import Any, BinaryIO, TextIO, cast
 from greenlet import getcurrent, greenlet
 
 from brickhub.errors import TwinError
+from brickhub.hub.program.marked import Marked, names_of
 from brickhub.virtual.air import DISTANCE_M, Air
 from brickhub.virtual.body import Body
 from brickhub.virtual.machine import CONTROL_LOOP_MS, Machine
-from brickhub.virtual.marked import Marked, names_of
 from brickhub.virtual.micropython.exceptions import HostStop
 from brickhub.virtual.run import Operation, run_file
 

@@ -15,10 +15,10 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Protocol
 
+from brickhub.hub.program.marked import Marked, names_of
 from brickhub.seed import derive_seed
 from brickhub.virtual.air import DISTANCE_M, Air, Antenna, Message
 from brickhub.virtual.machine import CONTROL_LOOP_MS, Machine
-from brickhub.virtual.marked import Marked, names_of
 from bricktwin.site.tab.plain_values import plain, read_plain
 from bricktwin.site.tab.robot_file import Draws
 from bricktwin.twin.arena import SharedWorld, SharingBody, side_by_side

@@ -19,9 +19,8 @@ from brickhub.virtual.body import Body
 from brickhub.virtual.machine import Machine, Pace
 from brickhub.virtual.run import Operation, interruptible, run_file
 from bricktwin.site.tab.js_engine import JsEngine
-from bricktwin.site.tab.page import Page
 from bricktwin.site.tab.person import Person
-from bricktwin.site.tab.recorder import FRAME_MS, Recorder
+from bricktwin.site.tab.recorder import FRAME_MS, Page, Recorder
 from bricktwin.site.tab.room import Others, Seat, shared_world
 
 FOLDER = Path("/programs")

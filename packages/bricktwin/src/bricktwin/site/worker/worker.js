@@ -17,7 +17,7 @@ let hasKits = false;
 let hubMailbox = null, realHub = null; // once a hub is connected
 let poses = []; // of the frames since the last post
 
-// What Python calls; see tab/page.py.
+// What Python calls; see tab/recorder.py.
 const page = {
   frame: () => physics && poses.push(physics.poses()),
   post(events, rows) {

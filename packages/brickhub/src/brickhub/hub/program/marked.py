@@ -1,4 +1,4 @@
-"""What several hubs print together: each line begins with the name of its program."""
+"""Marks of what several hubs print: each line begins with the name of its program."""
 
 from collections.abc import Sequence
 from pathlib import Path
