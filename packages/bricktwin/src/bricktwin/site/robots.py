@@ -115,7 +115,8 @@ def write_together(site: Path, robots: Sequence[Robot]) -> list[dict[str, Any]]:
         ]
         described["view"].update(_AROUND, follow=None)
         names = [robot.name for robot in pair]
-        path = f"robots/{_TOGETHER}/{as_file_name(' '.join(names))}.json"
+        first, second = map(as_file_name, names)
+        path = f"robots/{_TOGETHER}/{first}_and_{second}.json"
         write_packed_json(site / path, {"robot": file, "drawing": described, "start": _start(body)})
         index.append({"robots": names, "file": path, "meshes": folders})
     return index

@@ -16,6 +16,8 @@ export class Room {
     this.hubs = [hub];
     this.isRunning = false;
     this.devices = []; // on the bench of each hub, as the page has been told
+    // What was kept by an address that gives memory to share may be opened at one that does not.
+    if (!hub.hasWayIn) programs.hubs = [];
     this.seats.slice(1).forEach(() => this.addHub());
     this.show();
   }
