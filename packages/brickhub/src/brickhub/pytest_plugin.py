@@ -12,6 +12,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, partial
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 import pytest
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
     from brickhub.robot import Robot
     from brickhub.virtual.body import Body
     from brickhub.virtual.machine import Machine
+    from brickhub.virtual.own_devices import AnyOwnDevice, OwnDeviceOf
     from brickhub.virtual.run_log import RunLog
     from brickhub.virtual.stimuli import Reading
 
@@ -80,6 +82,7 @@ class PybricksHub:
         end_stops: Mapping[str, tuple[float, float]] | Sequence[str] = (),
         starts: Sequence[str] = (),
         ports: Sequence[str] = (),
+        own_devices: Mapping[str, AnyOwnDevice | OwnDeviceOf] = MappingProxyType({}),
         presses: Sequence[str] = (),
         stdin: str | bytes = "",
         time_limit_s: float | None = 60.0,
@@ -97,6 +100,8 @@ class PybricksHub:
                 motor.
             starts: angles at which motors on the bench stand at first, such as ``"A=90"``.
             ports: motors and sensors on the bench, such as ``"A=interactive"``.
+            own_devices: devices of one's own by port, on the bench or of a robot, as of
+                ``brickhub.virtual.own_devices``; or functions that make one for the robot.
             presses: of buttons, such as ``"left@2.5s"``.
             stdin: what the program can read.
             time_limit_s: simulated seconds until the program is stopped; ``None`` for no limit.
@@ -133,6 +138,7 @@ class PybricksHub:
             end_stops=dict(map(parse_end_stop, texts_of_stops)),
             starts=dict(map(parse_start, starts)),
             devices=dict(map(parse_device, ports)),
+            own_devices=own_devices,
             attend=attend,
         )
         source = io.BytesIO(stdin) if isinstance(stdin, bytes) else io.StringIO(stdin)

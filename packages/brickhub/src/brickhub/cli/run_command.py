@@ -213,7 +213,7 @@ class Run:
 
     def distance_m(self, one: int, other: int) -> float:
         """Distance of two hubs of several, by number."""
-        from brickhub.virtual.room import DISTANCE_M
+        from brickhub.virtual.air import DISTANCE_M
 
         return DISTANCE_M
 

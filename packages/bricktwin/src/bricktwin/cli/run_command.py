@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Sequence
 from contextlib import ExitStack
@@ -24,10 +23,8 @@ if TYPE_CHECKING:
     from brickhub.target import Target
     from brickhub.virtual.body import Body
     from brickhub.virtual.room import Room
-    from bricktwin.twin.arena import ArenaWorld
+    from bricktwin.twin.mujoco_arena import ArenaWorld
 
-_APART_M = 0.5
-"""Distance between neighbours of several robots."""
 ROBOT_OF_SCENES = "scout"
 """Robot of films and scenes where none is named: it has an eye for walls and one for lines."""
 
@@ -99,11 +96,7 @@ class Run(run.Run):
     def distance_m(self, one: int, other: int) -> float:
         if not self.robot:
             return super().distance_m(one, other)
-        places = [body.pose() for body in self.world.bodies]
-        return math.hypot(
-            places[one].x_m - places[other].x_m,
-            places[one].y_m - places[other].y_m,
-        )
+        return self.world.distance_m(one, other)
 
     def settle_in(self, room: Room) -> None:
         if self.robot:
@@ -116,11 +109,12 @@ class Run(run.Run):
         import numpy as np
 
         from brickhub.robot import BENCH
-        from bricktwin.twin.arena import Arena, ArenaWorld, Contestant, Place
+        from bricktwin.twin.arena import side_by_side
+        from bricktwin.twin.mujoco_arena import ArenaWorld
         from bricktwin.twin.scene import OPEN_FLOOR
 
-        contestants = []
-        for number, name in enumerate(self.robot):
+        robots = []
+        for name in self.robot:
             target = self.target(name)
             robot = target.robot
             if robot is BENCH:
@@ -130,10 +124,8 @@ class Run(run.Run):
                 )
             if target.scene not in (None, OPEN_FLOOR):
                 raise DescriptionError(_has_surroundings(name, robot))
-            y_m = number * _APART_M
-            place = Place(y_m=(y_m, y_m))
-            contestants.append(Contestant(f"robot{number + 1}", robot, place))
-        world = ArenaWorld(Arena(tuple(contestants), gap_m=0.0))
+            robots.append(robot)
+        world = ArenaWorld(side_by_side(robots))
         world.place(np.random.default_rng(0))
         return world
 
