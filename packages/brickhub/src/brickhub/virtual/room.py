@@ -43,6 +43,11 @@ class HubProgramFile:
     stderr: TextIO | None = None
 
 
+def on_benches_m(_one: int, _other: int) -> float:
+    """Distance of two hubs that have a bench each."""
+    return DISTANCE_M
+
+
 class Room:
     """A room with several hubs.
 
@@ -65,7 +70,7 @@ class Room:
         stdout: BinaryIO,
         stderr: TextIO,
         time_limit_s: float | None = None,
-        distance_m: Callable[[int, int], float] = lambda _one, _other: DISTANCE_M,
+        distance_m: Callable[[int, int], float] = on_benches_m,
         seed: int = 0,
     ) -> None:
         if not programs:

@@ -14,12 +14,10 @@ from tyro.conf import UseAppendAction
 
 from brickhub.cli import run_command as run
 from brickhub.cli.terminal import print_note
-from brickhub.errors import DescriptionError
 from brickhub.options import Existing, option
 from brickhub.user_files import check_there
 
 if TYPE_CHECKING:
-    from brickhub.robot import Robot
     from brickhub.target import Target
     from brickhub.virtual.body import Body
     from brickhub.virtual.room import Room
@@ -106,28 +104,9 @@ class Run(run.Run):
     @cached_property
     def world(self) -> ArenaWorld:
         """The world that several robots share: they stand side by side, and look ahead."""
-        import numpy as np
+        from bricktwin.target import shared_world
 
-        from brickhub.robot import BENCH
-        from bricktwin.twin.arena import side_by_side
-        from bricktwin.twin.mujoco_arena import ArenaWorld
-        from bricktwin.twin.scene import OPEN_FLOOR
-
-        robots = []
-        for name in self.robot:
-            target = self.target(name)
-            robot = target.robot
-            if robot is BENCH:
-                raise DescriptionError(
-                    "a bench has no body to share a world with robots; name robots alone, or omit "
-                    "--robot"
-                )
-            if target.scene not in (None, OPEN_FLOOR):
-                raise DescriptionError(_has_surroundings(name, robot))
-            robots.append(robot)
-        world = ArenaWorld(side_by_side(robots))
-        world.place(np.random.default_rng(0))
-        return world
+        return shared_world([(name, self.target(name)) for name in self.robot])
 
     def _made_body(self, stack: ExitStack) -> Body | None:
         if self.video is None and self.scene is None:
@@ -143,19 +122,6 @@ class Run(run.Run):
         from bricktwin.twin.render.video import filmed
 
         return self.faulty(stack.enter_context(filmed(body, self.video)))
-
-
-def _has_surroundings(name: str, robot: Robot) -> str:
-    """The message for a robot whose surroundings several robots would not share."""
-    from bricktwin.robots import ROBOTS
-
-    # An environment's robot has a name of its own; a file's scene can only go elsewhere.
-    remedy = "take the scene out of the file"
-    if robot in ROBOTS.values():
-        remedy = f"name its robot alone: {robot.name}"
-    return (
-        f"{name} has surroundings, and robots that share a world stand on an open floor; {remedy}"
-    )
 
 
 def motors_without_stops(body: Body | None, program: Path) -> list[str]:
