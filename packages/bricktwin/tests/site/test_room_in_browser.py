@@ -17,10 +17,12 @@ from test_room_in_tab import DRIVER, FOLLOWER, LISTENER, SENDER
 
 from brickhub.virtual.room import HubProgramFile, Room
 from bricktwin.robots import SCOUT, TWO_WHEELER
+from bricktwin.site.storing import read_packed_json
 from bricktwin.twin.arena import side_by_side
 from bricktwin.twin.mujoco_arena import ArenaWorld
 
 if TYPE_CHECKING:
+    from conftest import Site
     from playwright.sync_api import Page
 
 BLINK = """
@@ -108,6 +110,17 @@ def test_random_pairs_print_what_they_print_in_a_terminal(room: Page, tmp_path: 
         assert shown == (printed(tmp_path, programs)[0], "finished")
         told += "(" in shown[0]
     assert told > 20, "some of them hear each other"
+
+
+def test_robots_are_shown_where_they_start(site: Site) -> None:
+    path = site.folder / "robots" / "together" / "two-wheeler_and_scout.json"
+    file = read_packed_json(path)
+    names = [body["name"] for body in file["drawing"]["bodies"]]
+    places = []
+    for name in ("robot1/chassis", "robot2/chassis"):
+        first = 7 * names.index(name)
+        places.append(file["start"][first : first + 2])
+    assert places == [pytest.approx([0.0, 0.0], abs=1e-3), pytest.approx([0.0, 0.5], abs=1e-3)]
 
 
 def test_robots_share_a_world(room: Page, tmp_path: Path) -> None:

@@ -6,6 +6,8 @@ from itertools import combinations_with_replacement
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from brickhub.files import as_file_name
 from brickhub.robot import Robot
 from bricktwin.plans.planned_robot import planned_robot
@@ -101,7 +103,10 @@ def write_together(site: Path, robots: Sequence[Robot]) -> list[dict[str, Any]]:
     index = []
     for pair in combinations_with_replacement(filter(_can_share, robots), 2):
         file = together_file(pair)
-        body = ArenaWorld(side_by_side(pair)).bodies[0]
+        shared = ArenaWorld(side_by_side(pair))
+        # Where the model has them is not where they start.
+        shared.place(np.random.default_rng(0))
+        body = shared.bodies[0]
         described = drawing_of(body).described()
         meshes = []
         folders = []
