@@ -211,7 +211,7 @@ REMEMBERS = """    seen = light.reflection()
 
 def test_gaps_need_a_follower_that_goes_on(tmp_path: Path) -> None:
     """In a gap it keeps its heading, a little to the side where it then finds the edge. From 40
-    starts of the noise it misses no point by more than 21 mm; a faster one that turns more to the
+    starts of the noise it misses no point by more than 16 mm; a faster one that turns more to the
     side loses the line from every fourth."""
     line = "    base.drive(SPEED, GAIN * (light.reflection() - EDGE))\n"
     program = follower(80, 35).replace(line, REMEMBERS)
