@@ -100,6 +100,11 @@ class StreamConsole:
 
     def read(self, n: int) -> bytes:
         if n > self.available():
+            if self._stdin is None:
+                raise EOFError(
+                    "the program waits for input, and gets none here; several hubs in a room have "
+                    "none, so run it alone, or give it what it asks for by radio"
+                )
             raise EOFError("the program waits for input, and there is no more")
         start = self._position
         self._position += n
