@@ -103,7 +103,9 @@ run_task(main())
 
 
 def test_channels_are_numbers_of_a_byte(tmp_path: Path) -> None:
-    listener = f"{HEAD}radio = BLERadio(observe_channels=[7])\nwait(500)\nprint(radio.observe(263))\n"
+    listener = (
+        f"{HEAD}radio = BLERadio(observe_channels=[7])\nwait(500)\nprint(radio.observe(263))\n"
+    )
     many = f"{HEAD}BLERadio(observe_channels=range(256))\n"
     sender = f"{SENDER}radio.broadcast(5)\nwait(900)\n"
     codes, out, err = run(tmp_path, sender, listener, many)
