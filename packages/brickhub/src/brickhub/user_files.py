@@ -145,6 +145,7 @@ def load_object(
     default: str | type,
     *,
     missing: str = "write one there",
+    noun: str = "",
 ) -> Any:
     """Object of that name in the user's code.
 
@@ -153,6 +154,7 @@ def load_object(
             may be omitted.
         default: the name where it is omitted, or the type of the file's only object of that type.
         missing: what to do where a file has no object of that type, for the message.
+        noun: what an object of that type is called in messages; by default the type's name.
 
     Raises:
         UnknownNameError: there is no such file, module or name, or this is no reference.
@@ -170,13 +172,21 @@ def load_object(
             f"plan alone, {location}, or a Python file"
         )
     module = _load(location, reference)
-    if not name and isinstance(default, type):
-        return _only(default, module, reference, missing)
+    if isinstance(default, type):
+        noun = noun or default.__name__.lower()
+        if not name:
+            return _only(
+                default,
+                module,
+                location,
+                missing,
+                noun,
+            )
     name = name or str(default)
     try:
         return getattr(module, name)
     except AttributeError:
-        wanted = "what" if isinstance(default, str) else f"a {default.__name__.lower()} that"
+        wanted = "what" if isinstance(default, str) else f"a {noun} that"
         raise UnknownNameError(
             f"there is no '{name}' in {location}; name {wanted} is written there"
         ) from None
@@ -393,8 +403,9 @@ def _run_file(path: Path) -> ModuleType:
 def _only(
     type_: type,
     module: ModuleType,
-    reference: str,
+    location: str,
     missing: str,
+    noun: str,
 ) -> Any:
     """The only object of a type in a module. Raises UnknownNameError for none or several."""
     # An object does not record which module defines it, so imported ones count too.
@@ -408,12 +419,11 @@ def _only(
     names = named or list(objects)
     if len(names) == 1:
         return objects[names[0]]
-    noun = type_.__name__.lower()
     if not names:
-        raise UnknownNameError(f"{reference} has no {noun}; {missing}")
+        raise UnknownNameError(f"{location} has no {noun}; {missing}")
     known = ", ".join(names)
-    remedy = f"name one: {reference}:{noun.upper()}"
+    remedy = f"name one: {location}:{noun.upper()}"
     if not named:
         example = f"{noun.upper()} = {names[0]}"
-        remedy = f"give one a name of its own, {example}, and name it: {reference}:{noun.upper()}"
-    raise UnknownNameError(f"{reference} has {len(names)} {noun}s ({known}); {remedy}")
+        remedy = f"give one a name of its own, {example}, and name it: {location}:{noun.upper()}"
+    raise UnknownNameError(f"{location} has {len(names)} {noun}s ({known}); {remedy}")

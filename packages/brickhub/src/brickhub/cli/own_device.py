@@ -15,7 +15,12 @@ def load_own_device(text: str) -> tuple[str, AnyOwnDevice]:
     there is no port, or the object is no device."""
     port, _, reference = (part.strip() for part in text.partition("="))
     kinds = "OwnDevice, OwnUart or OwnI2c"
-    device = load_object(reference, AnyOwnDevice, missing=f"write an {kinds} there")
+    device = load_object(
+        reference,
+        AnyOwnDevice,
+        missing=f"write an {kinds} there",
+        noun="device",
+    )
     if not isinstance(device, AnyOwnDevice):
         raise DescriptionError(f"{reference} is no {kinds}; name one")
     if not port:

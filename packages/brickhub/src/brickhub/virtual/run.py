@@ -42,7 +42,7 @@ from brickhub.virtual.micropython.exceptions import (
     is_program_error,
 )
 from brickhub.virtual.micropython.text import format_traceback
-from brickhub.virtual.own_devices import AnyOwnDevice
+from brickhub.virtual.own_devices import AnyOwnDevice, OwnI2c
 from brickhub.virtual.panel import WIRELESS, Panel, Press
 from brickhub.virtual.pybricks import modules
 
@@ -271,15 +271,20 @@ def run_file(
 
 
 def _plug_in(machine: Machine, devices: Mapping[str, AnyOwnDevice]) -> None:
-    """Plug in devices of the user's own. Raises TwinError if there is no such port, or a device of
-    the robot is on it."""
+    """Plug in devices of the user's own. Raises TwinError if there is no such port, it is of
+    another kind, or a device of the robot is on it."""
     robot = machine.robot
     taken = [device.port for device in (*robot.motors, *robot.sensors)]
-    for port in devices:
+    for port, device in devices.items():
         if port not in robot.hub.model.ports:
             raise TwinError(
                 f"the {robot.hub.value} hub has no port {port}; it has "
                 f"{', '.join(robot.hub.model.ports)}"
+            )
+        if isinstance(device, OwnI2c) and port not in robot.hub.model.sensor_ports:
+            raise TwinError(
+                f"an I2C device does not fit port {port} of the {robot.hub.value} hub; plug it into "
+                "S1 to S4 of an EV3"
             )
         if port in taken:
             raise TwinError(
