@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from typing import TypeVar
 
 from brickhub.errors import DescriptionError
-from brickhub.user_files import line_of_user
+from brickhub.user_lines import line_of_user
 
 _BITS = (8, 16, 32)
 _MAX_VALUES = 32

@@ -283,8 +283,8 @@ def _plug_in(machine: Machine, devices: Mapping[str, AnyOwnDevice]) -> None:
             )
         if isinstance(device, OwnI2c) and port not in robot.hub.model.sensor_ports:
             raise TwinError(
-                f"an I2C device does not fit port {port} of the {robot.hub.value} hub; plug it into "
-                "S1 to S4 of an EV3"
+                f"an I2C device does not fit port {port} of the {robot.hub.value} hub; plug it "
+                "into S1 to S4 of an EV3"
             )
         if port in taken:
             raise TwinError(
