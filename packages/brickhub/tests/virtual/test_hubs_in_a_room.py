@@ -251,7 +251,7 @@ def test_command(tmp_path: Path, capfdbinary: pytest.CaptureFixture[bytes]) -> N
     assert said.out == b"main 1: 1\nmain 2: 2\n" and b"main 2: ValueError" in said.err
     for option, says in (
         (("--press", "left@1s"), b"several hubs have no --press"),
-        (("--robot", words[0]), b"there are 2 programs and 1 robots"),
+        (("--robot", words[0]), b"there are 2 programs and 1 robot;"),
         (
             ("--robot", words[0], "--robot", words[1]),
             b"robots that share a world need bodies: use bricktwin run",
