@@ -14,16 +14,13 @@ import time
 from pathlib import Path
 
 import pytest
+from radio_programs import HEAD, random_program
 
 from brickhub.cli import main
 from brickhub.errors import TwinError
 from brickhub.virtual.air import INTERVAL_MS, LASTS_MS, NOTHING_HEARD_DBM, Air, Antenna
 from brickhub.virtual.room import HubProgramFile, Room
 
-HEAD = """
-from pybricks.messaging import BLERadio
-from pybricks.tools import StopWatch, wait
-"""
 SENDER = HEAD + "radio = BLERadio(broadcast_channel=7)\n"
 LISTENER = HEAD + "radio = BLERadio(observe_channels=[7])\n"
 
@@ -208,24 +205,6 @@ def test_strength_is_smoothed_and_falls_with_the_distance() -> None:
     assert heard.strength_dbm == before - 10, "a quarter of 512 ms"
     heard.take(time_ms + 128 + 600, 1, -100)
     assert heard.strength_dbm == -100
-
-
-def random_program(rng: random.Random, own: int) -> str:
-    other = 1 - own
-    lines = [f"{HEAD}radio = BLERadio({own}, [{other}])\nx = 0\n"]
-    for _ in range(rng.randint(3, 9)):
-        lines.append(
-            rng.choice(
-                (
-                    f"wait({rng.randint(1, 400)})\n",
-                    f"radio.broadcast(({rng.randint(-9, 9)}, x))\n",
-                    f"print(radio.observe({other}), radio.signal_strength({other}))\n",
-                    "for i in range(50):\n    x += i\n    wait(1)\n",
-                    f"while radio.observe({other}) is None and x < 200:\n    x += 1\n    wait(3)\n",
-                )
-            )
-        )
-    return "".join(lines)
 
 
 @pytest.mark.parametrize("count", [8, pytest.param(100, marks=pytest.mark.slow)])

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import io
+import re
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +15,15 @@ from brickhub.cli import main
 from brickhub.errors import DescriptionError, TwinError
 from brickhub.virtual.bench_body import BenchBody
 from brickhub.virtual.body import Body
-from brickhub.virtual.own_devices import AnyOwnDevice, OwnDevice, OwnI2c, OwnMode, OwnUart
+from brickhub.virtual.own_devices import (
+    AnyOwnDevice,
+    OwnDevice,
+    OwnDeviceOf,
+    OwnI2c,
+    OwnMode,
+    OwnUart,
+    TrueRobot,
+)
 from brickhub.virtual.run import Operation, run_file
 
 GAUGE = """
@@ -76,7 +86,10 @@ run_task(read())
 
 
 def run(
-    tmp_path: Path, source: str, devices: dict[str, AnyOwnDevice], body: Body | None = None
+    tmp_path: Path,
+    source: str,
+    devices: Mapping[str, AnyOwnDevice | OwnDeviceOf],
+    body: Body | None = None,
 ) -> tuple[int, str, str]:
     path, out, err = tmp_path / "main.py", io.BytesIO(), io.StringIO()
     path.write_text(source)
@@ -278,3 +291,47 @@ def test_command(
     ):
         assert main(("run", "main.py", "--port", words)) == 2
         assert says in capfd.readouterr().err
+
+
+COMPASS = """
+from pybricks.iodevices import PUPDevice
+from pybricks.parameters import Direction, Port
+from pybricks.pupdevices import Motor
+from pybricks.robotics import DriveBase
+compass = PUPDevice(Port.F)
+base = DriveBase(Motor(Port.E, Direction.COUNTERCLOCKWISE), Motor(Port.A), 56, 130)
+base.turn(90)
+print(compass.read(0))
+base.straight(200)
+print(compass.read(1))
+"""
+
+
+def compass(robot: TrueRobot) -> OwnDevice:
+    north = OwnMode("NORTH", lambda _: [round(robot.heading_deg())])
+    rest = (robot.x_mm, robot.y_mm, lambda: robot.angle_deg("A"))
+    return OwnDevice(201, (north, OwnMode("REST", lambda _: [round(read()) for read in rest], 3)))
+
+
+def test_a_device_measures_the_robot_on_a_bench(tmp_path: Path) -> None:
+    code, out, err = run(tmp_path, COMPASS, {"F": compass})
+    assert (code, err) == (0, "")
+    north, rest = map(eval, out.splitlines())
+    assert north == pytest.approx([90], abs=2)
+    # A bench goes nowhere: wheels of 56 mm turn by 409 degrees, less the 209 of the turn.
+    assert rest == pytest.approx([0, 0, 409 - 209], abs=3)
+
+
+@pytest.mark.parametrize(
+    ("make", "says"),
+    [
+        (lambda robot: 3, "the function <lambda> returned 3; return an OwnDevice, OwnUart or"),
+        (lambda robot: robot.x, "the function of <lambda> failed (AttributeError"),
+        (lambda robot: robot.angle_deg("B"), "port B of 'bench' has no motor"),
+    ],
+)
+def test_what_makes_no_device_is_refused(
+    tmp_path: Path, make: Callable[[TrueRobot], AnyOwnDevice], says: str
+) -> None:
+    with pytest.raises(DescriptionError, match=re.escape(says)):
+        run(tmp_path, "", {"A": make})

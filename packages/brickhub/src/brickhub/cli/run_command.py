@@ -213,9 +213,9 @@ class Run:
 
     def distance_m(self, one: int, other: int) -> float:
         """Distance of two hubs of several, by number."""
-        from brickhub.virtual.room import DISTANCE_M
+        from brickhub.virtual.room import on_benches_m
 
-        return DISTANCE_M
+        return on_benches_m(one, other)
 
     def attend_in_room(self) -> Callable[[Machine], None] | None:
         """Function that gets each of several virtual hubs before its program begins."""

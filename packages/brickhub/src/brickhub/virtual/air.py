@@ -30,6 +30,8 @@ _AT_ONE_METRE_DBM = -55.0
 _LOST = 0.05
 """Share of messages that are lost."""
 _NEAREST_M = 0.05
+DISTANCE_M = 0.5
+"""Distance of two hubs on a bench."""
 
 
 @dataclass

@@ -264,7 +264,7 @@ def test_finished_film_takes_no_more_images(tmp_path: Path) -> None:
         video.add(np.zeros((16, 16, 3), np.uint8))
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="Ctrl-C cannot be sent to one process")
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows sends no Ctrl-C to one process")
 @pytest.mark.parametrize("at", [0, 2])
 def test_ctrl_c_in_the_middle_of_an_image_keeps_the_film(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, at: int

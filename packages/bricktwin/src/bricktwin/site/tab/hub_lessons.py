@@ -4,9 +4,10 @@ a trial can begin."""
 import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 from brickhub.errors import DescriptionError
-from brickhub.hub.interface import Distance, Heading, Interface
+from brickhub.hub.interface import Distance, Heading, Interface, Pitch
 from brickhub.hub.trial_protocol import MOST_STEPS
 from brickhub.robot import Robot, UltrasonicSensor
 from brickhub.robot.line_edge import edge_of
@@ -14,6 +15,7 @@ from bricktwin.site.tab.lessons import (
     Lesson,
     Record,
     follow_line,
+    keep_upright,
     light_of,
     stop_before_wall,
     walk,
@@ -34,6 +36,8 @@ _STOP_TOLERANCE_MM = 90.0
 _BACK_GAIN = 1.5
 _AT_EDGE_PCT = 25.0
 """Difference from the edge at which a robot surely still sees it."""
+_UPRIGHT_DEG = 12.0
+"""Twice the largest lean of a robot in balance: a hand is not more exact."""
 
 
 @dataclass(frozen=True)
@@ -41,6 +45,8 @@ class Place:
     """Where a trial may begin.
 
     Attributes:
+        asks_each_time: whether a person is asked before each trial, not only where the robot is
+            elsewhere.
         nearest_mm, farthest_mm: distances to the wall.
         wanted_mm: where a person puts it, or it drives itself.
         distance: index of the channel.
@@ -51,6 +57,7 @@ class Place:
             on its toes it may look over or under everything.
     """
 
+    asks_each_time: ClassVar[bool] = False
     nearest_mm: float
     farthest_mm: float
     wanted_mm: float
@@ -90,6 +97,7 @@ class AtEdge:
         heading: none that matters, as the edge tells the way.
     """
 
+    asks_each_time: ClassVar[bool] = False
     reflection: int
     edge_pct: float
     heading: int | None = None
@@ -107,12 +115,38 @@ class AtEdge:
 
 
 @dataclass(frozen=True)
+class Held:
+    """Where a trial of a robot begins that cannot stand: in a hand, which lets go of it when its
+    wheels turn.
+
+    Attributes:
+        pitch: index of the channel.
+        heading: none that matters.
+    """
+
+    asks_each_time: ClassVar[bool] = True
+    pitch: int
+    heading: int | None = None
+
+    def asked(self, observed: Sequence[float]) -> dict[str, float]:
+        """What a person is told who has to hold the robot."""
+        return {"pitch_deg": round(observed[self.pitch])}
+
+    def way_from(self, observed: Sequence[float]) -> None:
+        """A robot that lies on the floor does not get up."""
+
+    def is_there(self, observed: Sequence[float], first_heading_deg: float | None) -> bool:
+        """Whether a robot that observes this is upright."""
+        return abs(observed[self.pitch]) < _UPRIGHT_DEG
+
+
+@dataclass(frozen=True)
 class HubLesson:
     """A lesson, whose score needs no more than what the robot observes, and the place of its
     trials."""
 
     lesson: Lesson
-    place: Place | AtEdge
+    place: Place | AtEdge | Held
 
 
 def walk_to_wall(robot: Robot) -> HubLesson:
@@ -186,6 +220,17 @@ def follow_line_on_hub(robot: Robot) -> HubLesson:
     return HubLesson(follow_line(robot), AtEdge(reflection=0, edge_pct=edge.edge_pct))
 
 
+def keep_upright_on_hub(robot: Robot) -> HubLesson:
+    """Keep upright on two wheels. Raises DescriptionError as the lesson does."""
+    lesson = keep_upright(robot)
+    (pitch,) = (
+        index
+        for index, channel in enumerate(lesson.interface.channels)
+        if isinstance(channel, Pitch)
+    )
+    return HubLesson(lesson, Held(pitch))
+
+
 def _eyes(robot: Robot, purpose: str) -> str:
     """Name of a robot's ultrasonic sensor."""
     for sensor in robot.sensors:
@@ -200,5 +245,6 @@ HUB_LESSONS: dict[str, Callable[[Robot], HubLesson]] = {
     "walk": walk_to_wall,
     "stop": stop_at_wall,
     "follow": follow_line_on_hub,
+    "upright": keep_upright_on_hub,
 }
 """Functions that make the lesson of a goal for a real robot."""

@@ -236,8 +236,10 @@ def uprightness(record: Record) -> float:
     """Points of 100: for each step upright half of them, and the other half for being near; those
     after a fall have none."""
     points = []
+    # Wheels of a real robot have turned before.
+    _, _, first_deg, _ = record.observed[0] if record.observed else (0.0, 0.0, 0.0, 0.0)
     for _, _, angle_deg, _ in record.observed[1:]:
-        near = math.exp(-abs(angle_deg) / _FAR_DEG)
+        near = math.exp(-abs(angle_deg - first_deg) / _FAR_DEG)
         points.append(100.0 * (1.0 + near) / 2.0)
     return math.fsum(points) / _UPRIGHT_STEPS if points else math.nan
 
