@@ -193,7 +193,10 @@ def test_robots_of_several_programs_share_a_world(pybricks_hub: PybricksHub) -> 
     assert abs(int(driven.output) - 120) <= 2
     # Its motors have really turned: 120 mm are 245 degrees of a wheel of 56 mm.
     assert 240 < float(driven.log[-1]["A_angle_deg"] or 0.0) < 252
-    with pytest.raises(DescriptionError, match="1 robots for 2 programs; name one for each"):
+    with pytest.raises(DescriptionError, match="1 robot for 2 programs; name one for each"):
         pybricks_hub.run_together(TOLD, DRIVEN, robots=["scout"])
     with pytest.raises(DescriptionError, match="a bench has no body to share a world"):
         pybricks_hub.run_together(TOLD, DRIVEN, robots=["scout", "bench"])
+    for robots in ("scout", ["scout", None]):
+        with pytest.raises(DescriptionError, match="give a list of names, such as"):
+            pybricks_hub.run_together(TOLD, DRIVEN, robots=robots)  # type: ignore[list-item,arg-type]

@@ -250,12 +250,18 @@ class PybricksHub:
 
     def _world(self, robots: Sequence[str], count: int) -> SharedWorld:
         """World of robots, one for each of so many programs. Raises DescriptionError if there are
-        more or fewer, or if robots have no bodies."""
-        from brickhub.errors import DescriptionError
+        more or fewer, no list of names, or if robots have no bodies."""
+        from brickhub.errors import DescriptionError, counted
         from brickhub.target import find
 
+        if isinstance(robots, str) or not all(isinstance(robot, str) for robot in robots):
+            raise DescriptionError(
+                f"robots are {robots!r}; give a list of names, such as ['two-wheeler', 'scout']"
+            )
         if len(robots) != count:
-            raise DescriptionError(f"{len(robots)} robots for {count} programs; name one for each")
+            raise DescriptionError(
+                f"{counted(len(robots), 'robot')} for {count} programs; name one for each"
+            )
         named = []
         for robot in robots:
             name = self._robot_name(robot)

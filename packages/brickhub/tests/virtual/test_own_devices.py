@@ -191,7 +191,10 @@ def test_answers_on_the_bus_that_do_not_fit_are_named(
     ("answer", "says"),
     [
         (lambda *_: "text", "the function of the UART returned 'text'; return bytes"),
-        (lambda *_: 1 / 0, "the function of the UART failed (ZeroDivisionError: division by zero)"),
+        (
+            lambda *_: 1 / 0,
+            "failed (ZeroDivisionError: division by zero, test_own_devices.py, line ",
+        ),
     ],
 )
 def test_answers_of_a_uart_that_do_not_fit_are_named(
@@ -214,7 +217,7 @@ def test_function_that_is_written_to_and_fails_is_named(tmp_path: Path) -> None:
         (lambda _: [300], r"mode M returned (300,); return 1 whole numbers of 8 bits"),
         (lambda _: [1, 2], r"mode M returned (1, 2)"),
         (lambda _: [0.5], r"mode M returned (0.5,)"),
-        (lambda _: 1 / 0, "the function of mode M failed (ZeroDivisionError: division by zero)"),
+        (lambda _: 1 / 0, "the function of mode M failed (ZeroDivisionError: division by zero, "),
         (lambda _: 5, "the function of mode M failed (TypeError"),
     ],
 )
@@ -233,6 +236,8 @@ def test_values_that_do_not_fit_are_named(tmp_path: Path, function: Any, says: s
         (lambda: OwnMode("M", lambda _: [0], count=9), "no more than 32 bytes"),
         (lambda: OwnMode("M", lambda _: [0], count=0), "give at least one"),
         (lambda: OwnDevice(1, ()), "a device of 0 modes; give it 1 to 16"),
+        (lambda: OwnDevice(256, gauge().modes), "the id 256; give a whole number from 0 to 255"),
+        (lambda: OwnDevice("9", gauge().modes), "the id '9'; give"),  # type: ignore[arg-type]
         (lambda: OwnI2c(128), "at the I2C address 128; give 0 to 127, without the bit for"),
     ],
 )
@@ -246,6 +251,8 @@ def test_ports_are_checked(tmp_path: Path) -> None:
         run(tmp_path, "", {"Z": gauge()})
     with pytest.raises(TwinError, match="port E of 'two-wheeler' has another device"):
         run(tmp_path, "", {"E": gauge()}, BenchBody(TWO_WHEELER))
+    with pytest.raises(TwinError, match="an I2C device does not fit port A of the prime hub"):
+        run(tmp_path, "", {"A": OwnI2c(3)})
 
 
 def test_command(
@@ -272,9 +279,14 @@ def test_command(
     )
     assert main(("run", "brick.py", "--port", "S4=bus.py")) == 0
     assert capfd.readouterr().out == "b'7'\n"
+    (tmp_path / "two.py").write_text(
+        "from brickhub.virtual.own_devices import *\nONE = OwnI2c(3)\nTWO = OwnI2c(4)\n"
+    )
     for words, says in (
         ("A=mine.py:NONE", "mine.py:NONE is no OwnDevice, OwnUart or OwnI2c"),
         ("A=no.py", "there is no file no.py"),
+        ("A=mine.py:OTHER", "there is no 'OTHER' in mine.py; name a device that is written"),
+        ("A=two.py", "two.py has 2 devices (ONE, TWO); name one: two.py:DEVICE"),
         ("=mine.py", "names no port"),
     ):
         assert main(("run", "main.py", "--port", words)) == 2

@@ -281,7 +281,7 @@ def test_robots_of_several_programs_share_a_world(bricktwin, fails, tmp_path: Pa
     ahead, back = (line.removeprefix("controller: ").split() for line in done.out.splitlines())
     assert 200 < int(ahead[0]) < 300 and int(back[0]) < int(ahead[0])
     assert -55 < int(ahead[1]) < -45, "half a metre apart, and more"
-    fails("run", *files, "--robot", "scout", says="there are 2 programs and 1 robots")
+    fails("run", *files, "--robot", "scout", says="there are 2 programs and 1 robot;")
     fails("run", *files, "--robot", "robo-arm", "--robot", "scout", says="stands on a fixed base")
     fails("run", files[0], *robots, says="--robot is named 2 times for one program")
     fails("run", *files, *robots, "--scene", "maze", says="several hubs have no --scene")

@@ -18,7 +18,12 @@ def load_own_device(text: str) -> tuple[str, AnyOwnDevice | OwnDeviceOf]:
     device."""
     port, _, reference = (part.strip() for part in text.partition("="))
     kinds = "OwnDevice, OwnUart or OwnI2c"
-    device = load_object(reference, AnyOwnDevice, missing=f"write an {kinds} there")
+    device = load_object(
+        reference,
+        AnyOwnDevice,
+        missing=f"write an {kinds} there",
+        noun="device",
+    )
     is_function = inspect.isfunction(device)
     if not (is_function or isinstance(device, AnyOwnDevice)):
         raise DescriptionError(f"{reference} is no {kinds}; name one")

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, BinaryIO, ClassVar, TextIO, cast
 from tyro.conf import Positional, UseAppendAction
 
 from brickhub.cli.terminal import Interrupted, print_note
-from brickhub.errors import DescriptionError
+from brickhub.errors import DescriptionError, counted
 from brickhub.options import Existing, Faults, Flag, changed_options, option
 from brickhub.robot.hardware import USUAL_HUB_NAME
 from brickhub.user_files import check_there
@@ -179,8 +179,8 @@ class Run:
         paths = (self.file, *self.others)
         if self.robot and len(self.robot) != len(paths):
             raise DescriptionError(
-                f"there are {len(paths)} programs and {len(self.robot)} robots; name a robot for "
-                "each program, in their order, or none"
+                f"there are {len(paths)} programs and {counted(len(self.robot), 'robot')}; name a "
+                "robot for each program, in their order, or none"
             )
         operation = Operation(realtime=self.realtime, firmware=self.firmware)
         with ExitStack() as stack:

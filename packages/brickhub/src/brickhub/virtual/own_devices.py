@@ -21,6 +21,7 @@ from dataclasses import dataclass
 from typing import TypeVar
 
 from brickhub.errors import DescriptionError
+from brickhub.user_lines import line_of_user
 from brickhub.virtual.body import Body
 
 _BITS = (8, 16, 32)
@@ -29,6 +30,7 @@ _MAX_VALUES = 32
 _MAX_MODES = 16
 _MAX_NAME = 11
 _LAST_ADDRESS = 127
+_LAST_ID = 255
 
 Read = Callable[[float], Sequence[int]]
 """Values of a mode at a simulated time in s."""
@@ -106,15 +108,14 @@ def own_device_of(device: AnyOwnDevice | OwnDeviceOf, body: Body) -> AnyOwnDevic
 
 
 def _answered(name: str, ask: Callable[[], T]) -> T:
-    """Answer of a function of the user's. Raises DescriptionError if it raises."""
+    """Answer of a function of the user's. Raises DescriptionError, with the line, if it raises."""
     try:
         return ask()
     except DescriptionError:
         raise
     except Exception as error:
-        raise DescriptionError(
-            f"the function of {name} failed ({type(error).__name__}: {error}); correct it"
-        ) from error
+        what = f"{type(error).__name__}: {error}{line_of_user(error)}"
+        raise DescriptionError(f"the function of {name} failed ({what}); correct it") from error
 
 
 @dataclass(frozen=True)
@@ -172,11 +173,11 @@ class OwnMode:
 
 @dataclass(frozen=True)
 class OwnDevice(AnyOwnDevice):
-    """A Powered Up device, for `PUPDevice`. Raises DescriptionError without modes, or with too
-    many.
+    """A Powered Up device, for `PUPDevice`. Raises DescriptionError without modes, with too many,
+    or if the id is out of range.
 
     Attributes:
-        id: number of its kind, as `PUPDevice.info()` tells it.
+        id: number of its kind, 0 to 255, as `PUPDevice.info()` tells it.
         modes: by number.
     """
 
@@ -187,6 +188,10 @@ class OwnDevice(AnyOwnDevice):
         if not 1 <= len(self.modes) <= _MAX_MODES:
             raise DescriptionError(
                 f"a device of {len(self.modes)} modes; give it 1 to {_MAX_MODES}"
+            )
+        if type(self.id) is not int or not 0 <= self.id <= _LAST_ID:
+            raise DescriptionError(
+                f"a device with the id {self.id!r}; give a whole number from 0 to {_LAST_ID}"
             )
 
 
