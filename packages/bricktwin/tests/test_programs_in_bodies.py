@@ -197,6 +197,6 @@ def test_robots_of_several_programs_share_a_world(pybricks_hub: PybricksHub) -> 
         pybricks_hub.run_together(TOLD, DRIVEN, robots=["scout"])
     with pytest.raises(DescriptionError, match="a bench has no body to share a world"):
         pybricks_hub.run_together(TOLD, DRIVEN, robots=["scout", "bench"])
-    for robots in ("scout", ["scout", None]):
+    for wrong in ("scout", ["scout", None]):
         with pytest.raises(DescriptionError, match="give a list of names, such as"):
-            pybricks_hub.run_together(TOLD, DRIVEN, robots=robots)  # type: ignore[list-item,arg-type]
+            pybricks_hub.run_together(TOLD, DRIVEN, robots=wrong)  # type: ignore[list-item,arg-type]
