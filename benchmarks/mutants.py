@@ -5,32 +5,40 @@
 
 Faults of the last commit are drawn by a seed, two thirds of them in the two lower houses: a file by
 its number of statements, then an operator, then a place. Each is put into a copy of the tree, where
-the tests of the module's name run, then those of its folder, up to the first that fails. It counts
-if the test, run alone, fails again with the fault and passes without it. What never ends has
-failed. Verdicts in the result are not repeated, unless `--only` names them: an interrupted script
-resumes.
+tests of `make test` run up to the first that fails. It counts if the test, run alone, fails again
+with the fault and passes without it. What never ends has failed. Verdicts in the result are not
+repeated, unless `--only` names them: an interrupted script resumes.
+
+The tests are those that enter the function (`benchmarks.entries` makes the map first, which takes
+as long as all tests), or, for a constant of a module or class, a function that mentions it: those
+nearest to the file first, up to half a minute of them. Where no test enters it, they are those of
+the module's name, and for a module that Python does not execute, as programs on the hub, those of
+the house. A fault that only further tests find counts as alive.
+
+Not drawn is what makes an equal program: no size of a cache, no ``strict`` of a ``zip``, no
+``check=False`` of `subprocess.run`, which is its default; and nothing in annotations, decorators
+and texts.
 """
 
 from __future__ import annotations
 
 import ast
-import contextlib
 import copy
-import os
 import random
 import re
-import signal
 import subprocess
 import sys
 import tempfile
 import time
 from collections import Counter, defaultdict
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar
 
+from benchmarks.entries import Entries, complete, that_mention
+from benchmarks.forked_tests import ForkedTests
 from benchmarks.formatting import table
 from benchmarks.session import Session, read_result
 
@@ -40,6 +48,9 @@ TEMPLATES = "cli/templates"
 TEST_S, QUIET_S = 180.0, 400.0
 """Longest time of a test without a limit of its own, and of a run of pytest that reports
 nothing."""
+LOG = "log.txt"
+TESTS_S = 30.0
+"""CPU time of the tests that a fault is tried with, without the start of pytest."""
 
 _BOUNDARY = {ast.Lt: ast.LtE, ast.LtE: ast.Lt, ast.Gt: ast.GtE, ast.GtE: ast.Gt}
 _NEGATION = {
@@ -107,8 +118,17 @@ def _calls(node: ast.Call) -> Iterator[Change]:
     if isinstance(node.func, ast.Name) and (other := _EXTREMES.get(node.func.id)):
         yield "extreme", _with(node, func=ast.Name(other))
     for i, keyword in enumerate(node.keywords):
-        if keyword.arg and keyword.arg != "strict":
+        if keyword.arg and keyword.arg != "strict" and not _is_default(keyword):
             yield "keyword", _with(node, keywords=node.keywords[:i] + node.keywords[i + 1 :])
+
+
+def _is_cache(function: ast.expr) -> bool:
+    return ast.unparse(function) in ("lru_cache", "functools.lru_cache")
+
+
+def _is_default(keyword: ast.keyword) -> bool:
+    """Whether it says what holds without it: ``check=False`` of `subprocess.run`."""
+    return keyword.arg == "check" and ast.unparse(keyword.value) == "False"
 
 
 def _expressions(node: ast.AST) -> Iterator[Change]:
@@ -128,7 +148,7 @@ def _expressions(node: ast.AST) -> Iterator[Change]:
             yield "and, or", _with(node, op=ast.Or() if isinstance(op, ast.And) else ast.And())
         case ast.UnaryOp(op=ast.Not(), operand=operand):
             yield "not", operand
-        case ast.Call():
+        case ast.Call() if not _is_cache(node.func):
             yield from _calls(node)
 
 
@@ -167,6 +187,8 @@ def _children(node: ast.AST) -> list[ast.AST]:
         case ast.If(test=test) if ast.unparse(test) in ("TYPE_CHECKING", "__name__ == '__main__'"):
             return []
         case ast.JoinedStr():
+            return []
+        case ast.Call(func=function) if _is_cache(function):
             return []
     return list(ast.iter_child_nodes(node))
 
@@ -262,29 +284,67 @@ class Tree:
 
     folder: Path
     scratch: Path
+    entries: Entries
+    runs: ForkedTests
     broken: list[str]
     """Tests that fail here without a fault; they are left out."""
 
     @classmethod
-    def make(cls, scratch: Path, broken: list[str]) -> Tree:
-        """Check the commit out. Byte code is found by the digest of its source, so that no fault is
-        missed."""
+    def make(cls, scratch: Path, known: Path, broken: list[str]) -> Tree:
+        """Check the commit out, and let the map in a file be that of its tests. Byte code is found
+        by the digest of its source, so that no fault is missed."""
         folder = scratch / "tree"
-        subprocess.run(["git", "clone", "--quiet", "--shared", ROOT, folder], check=True)  # noqa: S603, S607
-        tree = cls(folder, scratch, broken)
-        arguments = ("-m", "compileall", "-q", "--invalidation-mode", "checked-hash")
+        for copied in (folder, scratch / "noted"):
+            command = ["git", "clone", "--quiet", "--shared", str(ROOT), str(copied)]
+            subprocess.run(command, check=True)  # noqa: S603
+        entries = complete(known, scratch / "noted")
+        # a site copies whatever is in its folders
+        arguments = (
+            "-m",
+            "compileall",
+            "-q",
+            "--invalidation-mode",
+            "checked-hash",
+            "-x",
+            "/site/(static|programs)/",
+        )
         subprocess.run([sys.executable, *arguments, *folder.glob("packages/*/src")], check=True)  # noqa: S603
-        return tree
+        return cls(folder, scratch, entries, ForkedTests(folder, scratch / LOG), broken)
 
-    def near(self, file: str) -> list[list[str]]:
-        """Arguments of pytest for the tests near a file: those of its name, then those of its
-        folder."""
-        above, _, inner = file.partition("/src/")
-        own = [str(path) for path in sorted(self.folder.rglob(f"test_{Path(inner).stem}.py"))]
-        folder = (self.folder / above / "tests").joinpath(*Path(inner).parent.parts[1:])
-        while not folder.is_dir():
-            folder = folder.parent
-        return [*([path] for path in own), [str(folder), *(f"--ignore={path}" for path in own)]]
+    def chosen(self, file: str, function: str) -> list[str]:
+        """Names of the tests that a fault is tried with, in the order of their files."""
+        seconds = self._candidates(file, function)
+        by_file = defaultdict(list)
+        for test in seconds:
+            by_file[test.partition("::")[0]].append(test)
+
+        def distance(tests: str) -> tuple[int, float]:
+            times = [seconds[test] for test in by_file[tests]]
+            return -_near(file, tests), sum(times) / len(times)
+
+        chosen, spent_s = list[str](), 0.0
+        for tests in sorted(by_file, key=distance):
+            for test in by_file[tests]:
+                if spent_s + seconds[test] <= TESTS_S or not chosen:
+                    chosen.append(test)
+                    spent_s += seconds[test]
+        return chosen
+
+    def _candidates(self, file: str, function: str) -> dict[str, float]:
+        """Seconds of the tests that may find a fault, by their names."""
+        by_function = self.entries.by_function
+        found = dict(by_function.get(f"{file}:{function}", {}))
+        if f"{file}:{function}" not in self.entries.functions:
+            for name in that_mention(self.folder, function.rpartition(".")[2]):
+                found |= by_function.get(name, {})
+        if found:
+            return found
+        own, house = f"/test_{Path(file).name}", file.partition("src/")[0]
+        is_entered = any(name.startswith(f"{file}:") for name in by_function)
+        for tests, one in self.entries.tests.items():
+            if tests.endswith(own) or (not is_entered and tests.startswith(house)):
+                found |= {test: seconds for test, (seconds, _) in one["tests"].items()}
+        return found
 
     def failure(self, *arguments: str) -> str | None:
         """Run pytest up to the first failure; the name of the test that failed."""
@@ -296,8 +356,12 @@ class Tree:
             "--color=no",
             "-p",
             "no:cacheprovider",
+            "-p",
+            "byte_code",
             f"--rootdir={self.folder}",
             *limit,
+            "-m",
+            "not slow",
         )
         words = [
             *options,
@@ -305,60 +369,48 @@ class Tree:
             *(f"--deselect={name}" for name in self.broken),
             *arguments,
         ]
-        path = os.pathsep.join(map(str, self.folder.glob("packages/*/src")))
-        env = {
-            **os.environ,
-            "PYTHONPATH": path,
-            "PYTHONDONTWRITEBYTECODE": "1",
-            "OMP_NUM_THREADS": "1",
-        }
-        command = [sys.executable, "-m", "pytest", "-m", "not slow and not realtime", *words]
-        log = self.scratch / "log.txt"
-        with log.open("w") as out:
-            process = subprocess.Popen(  # noqa: S603
-                command,
-                cwd=self.folder,
-                env=env,
-                stdout=out,
-                stderr=subprocess.STDOUT,
-                start_new_session=True,
-            )
-            try:
-                while process.poll() is None and time.time() - log.stat().st_mtime < QUIET_S:
-                    with contextlib.suppress(subprocess.TimeoutExpired):
-                        process.wait(10)
-            finally:
-                with contextlib.suppress(ProcessLookupError):
-                    os.killpg(process.pid, signal.SIGKILL)  # also what tests have left behind
-                process.wait()
+        code = self.runs.run(words, QUIET_S)
         return (
             None
-            if process.returncode in (0, 5)
-            else failed_tests(log.read_text(errors="replace"))[0]
+            if code in (0, 5)
+            else failed_tests((self.scratch / LOG).read_text(errors="replace"))[0]
         )
 
-    def killer(self, file: str, wrong: str) -> str | None:
-        """The test near a file that finds a fault in it."""
+    def killer(self, file: str, function: str, wrong: str) -> str | None:
+        """The test that finds a fault in a function of a file."""
         path, doubtful = self.folder / file, list[str]()
         right = path.read_text(encoding="utf-8")
-        for stage in self.near(file):
-            try:
-                path.write_text(wrong, encoding="utf-8")
-                while name := self.failure(*stage, *(f"--deselect={one}" for one in doubtful)):
-                    alone = (
-                        [*stage, "--collect-only"] if name.startswith("pytest itself") else [name]
-                    )
-                    again = self.failure(*alone)
-                    path.write_text(right, encoding="utf-8")
-                    fails_anyway = self.failure(*alone) is not None
-                    if (again and not fails_anyway) or name in doubtful:
-                        return name.replace(f"{self.folder}/", "")
-                    self.broken.extend([name] if fails_anyway else [])
-                    doubtful.append(name)
-                    path.write_text(wrong, encoding="utf-8")
-            finally:
+        chosen = self.chosen(file, function)
+        if not chosen:
+            return None
+        names = self.scratch / "chosen.txt"
+        names.write_text("\n".join(chosen), encoding="utf-8")
+        files = dict.fromkeys(test.partition("::")[0] for test in chosen)
+        tests = [f"--only={names}", *files]
+        try:
+            path.write_text(wrong, encoding="utf-8")
+            while name := self.failure(*tests, *(f"--deselect={one}" for one in doubtful)):
+                alone = [*tests, "--collect-only"] if name.startswith("pytest itself") else [name]
+                again = self.failure(*alone)
                 path.write_text(right, encoding="utf-8")
+                fails_anyway = self.failure(*alone) is not None
+                if (again and not fails_anyway) or name in doubtful:
+                    return name.replace(f"{self.folder}/", "")
+                self.broken.extend([name] if fails_anyway else [])
+                doubtful.append(name)
+                path.write_text(wrong, encoding="utf-8")
+        finally:
+            path.write_text(right, encoding="utf-8")
         return None
+
+
+def _near(file: str, tests: str) -> int:
+    """How many folders a file of tests has in common with the one of the module's name, and one
+    more if it is that."""
+    mirrored = Path(file.replace("/src/", "/tests/", 1))
+    own = mirrored.with_name(f"test_{mirrored.name}").parts
+    own = (*own[:3], *own[4:])  # without the folder of the package
+    return _common(own, Path(tests).parts)
 
 
 def failed_tests(output: str) -> list[str]:
@@ -383,8 +435,7 @@ def failed_tests(output: str) -> list[str]:
 
 
 def verdict(tree: Tree, mutant: dict[str, Any]) -> dict[str, Any]:
-    """Whether a mutant dies by a test near it, and by which; it is ``gone`` if the tree has no such
-    place."""
+    """Whether a mutant dies, and by which test; it is ``gone`` if the tree has no such place."""
     path, fault = (
         tree.folder / mutant["file"],
         Fault(*(mutant[name] for name in Fault.__dataclass_fields__)),
@@ -393,7 +444,8 @@ def verdict(tree: Tree, mutant: dict[str, Any]) -> dict[str, Any]:
     if fault not in faults(text):
         return {"state": "gone"}
     start_s = time.monotonic()
-    test = tree.killer(mutant["file"], mutated(text, fault, faults(text)[fault]))
+    wrong = mutated(text, fault, faults(text)[fault])
+    test = tree.killer(mutant["file"], fault.function, wrong)
     return {
         "state": "died" if test else "survived",
         "test": test,
@@ -415,7 +467,7 @@ def shown(mutant: dict[str, Any]) -> str:
     ).replace("|", "\\|")
 
 
-def _common(one: str, other: str) -> int:
+def _common(one: Sequence[str], other: Sequence[str]) -> int:
     return next(
         (i for i, (a, b) in enumerate(zip(one, other, strict=False)) if a != b),
         min(len(one), len(other)),
@@ -452,7 +504,10 @@ def main(session: Session) -> None:
         print(report(session.known() or read_result(session.published())))
         return
     with tempfile.TemporaryDirectory(prefix="mutants-") as scratch:
-        tree = Tree.make(Path(scratch), result.get("broken", []))
+        known = session.folder / "entries.json"
+        if session.is_again:
+            known.unlink(missing_ok=True)
+        tree = Tree.make(Path(scratch), known, result.get("broken", []))
         if result.get("setup") != setup:
             mutants = draw(tree.folder, args.seed, args.count)
             result = {"setup": setup, "mutants": mutants, "verdicts": {}, "broken": tree.broken}
@@ -461,4 +516,5 @@ def main(session: Session) -> None:
                 result["verdicts"][str(i)] = judged = verdict(tree, mutant)
                 session.write(result)
                 print(i, *(judged.get(key) for key in ("state", "test", "seconds")), flush=True)
+        tree.runs.close()
     print(report(result))

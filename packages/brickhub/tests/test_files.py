@@ -7,6 +7,7 @@ import os
 import pickle
 import struct
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -17,9 +18,14 @@ from brickhub.files import (
     atomic_folder,
     check_writable,
     folder_with,
+    is_unused,
+    only_writer,
     parsing,
     quoted,
     reading,
+    refuse_existing,
+    remove_unfinished,
+    serialized,
     write_durably,
 )
 
@@ -204,6 +210,52 @@ def test_path_is_one_word_in_shells_of_windows(
 def test_text_as_a_file_name_of_every_system(text: str, name: str) -> None:
     """Windows has devices in every folder, of these names with any ending."""
     assert as_file_name(text) == name
+
+
+def test_a_folder_is_unused_with_remnants_alone(tmp_path: Path) -> None:
+    assert is_unused(tmp_path) and is_unused(tmp_path / "missing")
+    (tmp_path / "inner").mkdir()
+    (tmp_path / "inner" / ".part-01").touch()
+    (tmp_path / ".part-02").mkdir()
+    (tmp_path / ".lock").touch()
+    assert is_unused(tmp_path)
+    (tmp_path / "inner" / "rows").touch()
+    assert not is_unused(tmp_path)
+    # folders are whole: only their writer's caller knows whether they are wanted
+    assert remove_unfinished(tmp_path) == 1
+    assert sorted(path.name for path in tmp_path.rglob("*")) == [
+        ".lock",
+        ".part-02",
+        "inner",
+        "rows",
+    ]
+    assert remove_unfinished(tmp_path) == 0
+
+
+def test_what_exists_is_refused(tmp_path: Path) -> None:
+    refuse_existing(tmp_path / "new", TwinError)
+    with pytest.raises(TwinError, match="exists already; choose another name"):
+        refuse_existing(tmp_path, TwinError)
+
+
+def test_one_writer_and_what_waits_for_it(tmp_path: Path) -> None:
+    folder = tmp_path / "new" / "folder"
+    with only_writer(folder, TwinError):
+        with (
+            pytest.raises(TwinError, match="another program writes into"),
+            only_writer(folder, TwinError),
+        ):
+            pass
+        begin_s = time.monotonic()
+        with serialized(folder, timeout_s=0.12):
+            assert 0.1 < time.monotonic() - begin_s < 10.0, "goes on without the lock"
+    begin_s = time.monotonic()
+    with serialized(folder):
+        assert time.monotonic() - begin_s < 10.0
+        with pytest.raises(TwinError), only_writer(folder, TwinError):
+            pass
+    with only_writer(folder, TwinError):
+        assert [path.name for path in folder.iterdir()] == [".lock"]
 
 
 ERRORS = (

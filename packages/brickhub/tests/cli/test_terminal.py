@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import json
 import os
 import sys
 import time
@@ -10,7 +11,8 @@ import time
 import pytest
 
 from brickhub.cli import terminal
-from brickhub.cli.terminal import ask, confirm
+from brickhub.cli.terminal import ask, choose, confirm, print_error, print_findings
+from brickhub.finding import Finding, Outcome
 
 
 @pytest.fixture
@@ -72,3 +74,64 @@ def test_answers_come_out_of_a_pipe(monkeypatch: pytest.MonkeyPatch, platform: s
 def test_nothing_is_asked_without_input(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "stdin", None)
     assert ask("Right?") is None and not confirm("Move?")
+
+
+@pytest.mark.parametrize(
+    ("text", "answer", "asked"),
+    [("b\n", "b", 1), (" A\n", "a", 1), ("\nb\n", "c", 1), ("d\na\n", "a", 2), ("", "c", 1)],
+)
+def test_one_of_some_names_is_chosen(
+    typed, capfd: pytest.CaptureFixture[str], text: str, answer: str, asked: int
+) -> None:
+    typed(text)
+    assert choose("Which?", ["a", "b", "c"], "c") == answer
+    err = capfd.readouterr().err
+    assert err.count("Which? [a/b/c, Enter is c]") == asked
+    assert err.count("'d' is none of them; type one of a, b, c") == asked - 1
+
+
+def test_nobody_is_asked_to_choose_in_a_pipe(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(sys, "stdin", io.StringIO("a\n"))
+    assert choose("Which?", ["a", "b"], "b") == "b"
+    assert not capfd.readouterr().err
+    # Text in memory has no file, and is read as it is.
+    assert ask("Right?") is None
+    monkeypatch.setattr(sys, "stdin", io.StringIO("y\n"))
+    assert ask("Right?") is True
+    sys.stdin.close()
+    assert ask("Right?") is None
+
+
+FINDINGS = (
+    Finding("plug", Outcome.OK, "it is in"),
+    Finding("battery", Outcome.WARNING, "low; charge it", line=3),
+)
+
+
+@pytest.mark.parametrize("last", Outcome)
+def test_findings_are_lines_or_json_and_an_error_is_the_exit_code(
+    capfd: pytest.CaptureFixture[str], last: Outcome
+) -> None:
+    found = (*FINDINGS, Finding("motor", last, "turns"))
+    assert print_findings(found, (9, 8)) == int(last is Outcome.ERROR)
+    assert capfd.readouterr().out.splitlines() == [
+        "ok       plug    it is in",
+        "warning  battery low; charge it",
+        f"{last.value:9}motor   turns",
+    ]
+    assert print_findings(found, (9, 8), as_json=True, robot="r") == int(last is Outcome.ERROR)
+    written = json.loads(capfd.readouterr().out)
+    assert (written["ok"], written["robot"]) == (last is not Outcome.ERROR, "r")
+    assert written["findings"][1] == {
+        "name": "battery",
+        "outcome": "warning",
+        "detail": "low; charge it",
+    }
+    assert str(found[1]) == "battery: low; charge it"
+
+
+def test_an_error_is_one_line(capfd: pytest.CaptureFixture[str]) -> None:
+    print_error("what\n  happened;\twhat to do\n")
+    assert capfd.readouterr().err == "error: what happened; what to do\n"

@@ -90,6 +90,19 @@ def test_a_fall_is_no_better_than_the_worst_trial() -> None:
     assert [trial.score for trial in search.trials] == [0.5, 0.5, -3.0]
 
 
+def test_elsewhere_the_best_known_numbers_are_tried_first() -> None:
+    search = BayesianSearch(ENTRIES)
+    for numbers, score in (((0.0, 10.0), 1.0), ((-0.5, 350.0), 3.0), ((1.0, 90.0), 2.0)):
+        search.tell(score, numbers=numbers)
+    before = search.state()
+    search.begin_elsewhere()
+    assert search.ask() == search.best == (-0.5, 350.0)
+    changed = {"world": before["world"] + 1, "start": [[-0.5, 350.0]], "asked": [-0.5, 350.0]}
+    assert search.state() == {**before, **changed}
+    search.tell(0.0)
+    assert [trial.world for trial in search.trials] == [0, 0, 0, 1]
+
+
 def test_what_a_person_tries_counts_and_is_within_the_ranges() -> None:
     search = BayesianSearch(ENTRIES)
     search.tell(5.0, numbers=(-0.5, 350.0))

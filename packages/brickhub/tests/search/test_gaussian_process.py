@@ -50,6 +50,7 @@ def test_a_root_that_grows_is_that_of_the_matrix_and_solves_it() -> None:
     root = Cholesky()
     for size, row in enumerate(matrix):
         root.append(row[:size], row[size])
+        assert len(root) == size + 1
         values = [rng.gauss(0.0, 1.0) for _ in range(size + 1)]
         solution = root.solve(values)
         assert [dot(row[: size + 1], solution) for row in matrix[: size + 1]] == pytest.approx(

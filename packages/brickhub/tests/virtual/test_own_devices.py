@@ -13,7 +13,8 @@ from described import TWO_WHEELER
 
 from brickhub.cli import main
 from brickhub.errors import DescriptionError, TwinError
-from brickhub.virtual.bench_body import BenchBody
+from brickhub.robot import HubKind
+from brickhub.virtual.bench_body import BenchBody, FittedBench
 from brickhub.virtual.body import Body
 from brickhub.virtual.own_devices import (
     AnyOwnDevice,
@@ -335,3 +336,140 @@ def test_what_makes_no_device_is_refused(
 ) -> None:
     with pytest.raises(DescriptionError, match=re.escape(says)):
         run(tmp_path, "", {"A": make})
+
+
+AGAIN = """
+from pybricks.iodevices import UARTDevice
+from pybricks.parameters import Port
+from pybricks.tools import StopWatch, multitask, run_task, wait
+uart = UARTDevice(Port.A, timeout=50)
+watch = StopWatch()
+for pattern in ("one", b"two", "three"):
+    uart.wait_until(pattern)
+    print(pattern, uart.waiting() > 0)
+print(uart.read(4), uart.read(2), uart.read(0), uart.waiting())
+uart.clear()
+for _ in range(2):
+    watch.reset()
+    try:
+        uart.read(1)
+    except OSError as e:
+        print(e.errno, watch.time())
+    try:
+        uart.write(b"x" * 1000)
+    except OSError as e:
+        print(e.errno, watch.time())
+async def two():
+    await multitask(uart.wait_until("never"), wait(10), race=True)
+run_task(two())
+try:
+    uart.wait_until("one")
+except OSError as e:
+    print(e.errno)
+"""
+
+
+def test_a_uart_is_free_again_after_each_transfer(tmp_path: Path) -> None:
+    sent = iter([b"one and two, then three: four5"])
+    code, out, err = run(tmp_path, AGAIN, {"A": OwnUart(lambda _written, _time_s: next(sent, b""))})
+    assert (code, err) == (0, "")
+    assert out.splitlines() == [
+        "one True",
+        "b'two' True",
+        "three True",
+        "b': fo' b'ur' b'' 1",
+        # 1000 bytes take 86.8 ms of 115200 bits a second
+        *["110 50", "110 100"] * 2,
+        "16",
+    ]
+
+
+WRITES = """
+from pybricks.iodevices import PUPDevice
+from pybricks.parameters import Port
+device = PUPDevice(Port.C)
+for values in ((-128, 127), (-129, 0), (0, 128), (1,), (1, 2, 3), (1.0, 2)):
+    try:
+        device.write(1, values)
+        print("written")
+    except (TypeError, ValueError) as e:
+        print(e)
+for mode in (0, 2, 255, 257, -255):
+    try:
+        print(device.write(mode, (5, 6)))
+    except ValueError as e:
+        print(e)
+for mode in (0, 256, 2):
+    try:
+        print(device.read(mode))
+    except ValueError as e:
+        print(e)
+print(device.reset())
+"""
+
+
+def test_what_fits_a_mode_is_written(tmp_path: Path) -> None:
+    written = []
+    pair = OwnMode("PAIR", lambda _: (1, 2), 2, 8, lambda values, _: written.append(tuple(values)))
+    device = OwnDevice(200, (OwnMode("LEVEL", lambda _: [7]), pair))
+    code, out, err = run(tmp_path, WRITES, {"C": device})
+    assert (code, err) == (0, "")
+    assert out.splitlines() == [
+        "written",
+        "Value out of range for int8",
+        "Value out of range for int8",
+        "Expected 2 values",
+        "Expected 2 values",
+        "can't convert float to int",
+        "Mode not writable",
+        "Invalid mode",
+        "Invalid mode",
+        "None",
+        "None",
+        "(7,)",
+        "(7,)",
+        "Invalid argument",
+        "None",
+    ]
+    assert written == [(-128, 127), (5, 6), (5, 6)]
+
+
+LIMITS_OF_I2C = """
+from pybricks.iodevices import AnalogSensor, I2CDevice
+from pybricks.parameters import Port
+from pybricks.tools import StopWatch
+device = I2CDevice(Port.S2, 0x1E)
+watch = StopWatch()
+def took(function, *values):
+    watch.reset()
+    try:
+        function(*values)
+        return watch.time()
+    except Exception:
+        return "refused"
+print([took(device.read, None, length) for length in (0, 1, 32, 33, -1)])
+print([took(device.read, register, 1) for register in (0, 255, 256, -1)])
+print([took(device.write, 1, bytes(count)) for count in (0, 32, 33)])
+open = AnalogSensor(Port.S1, custom=True)
+print(open.voltage(), open.resistance(), open.active(), open.passive())
+for arguments in ((Port.S1,), (Port.A, True)):
+    try:
+        AnalogSensor(*arguments)
+    except OSError as e:
+        print(e.errno)
+"""
+
+
+def test_a_transfer_on_the_bus_has_limits_and_takes_nine_bits_a_byte(tmp_path: Path) -> None:
+    body = FittedBench(HubKind.EV3)
+    code, out, err = run(tmp_path, LIMITS_OF_I2C, {"2": registers([])}, body)
+    assert (code, err) == (0, "")
+    # the address and a register come first; a millisecond is 9.6 bits
+    assert out.splitlines() == [
+        "[1, 2, 31, 'refused', 'refused']",
+        "[3, 3, 'refused', 'refused']",
+        "[2, 32, 'refused']",
+        "4972 1073741823 None None",
+        "19",
+        "95",
+    ]

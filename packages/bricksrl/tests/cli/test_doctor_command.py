@@ -58,11 +58,19 @@ def test_crashing_driver_is_a_warning(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.parametrize(
-    ("free", "outcome"), [(10**8, Outcome.ERROR), (10**9, Outcome.WARNING), (10**11, Outcome.OK)]
+    ("free", "outcome"),
+    [
+        (499_999_999, Outcome.ERROR),
+        (500_000_000, Outcome.WARNING),
+        (4_999_999_999, Outcome.WARNING),
+        (5_000_000_000, Outcome.OK),
+    ],
 )
 def test_disk_space(monkeypatch: pytest.MonkeyPatch, free: int, outcome: Outcome) -> None:
     monkeypatch.setattr("shutil.disk_usage", lambda path: type("Usage", (), {"free": free}))
-    assert doctor.check_disk()[0] is outcome
+    found, detail = doctor.check_disk()
+    assert found is outcome
+    assert detail.startswith(f"{free / 10**9:.1f} GB free in ")
 
 
 def test_folder_that_takes_no_files(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

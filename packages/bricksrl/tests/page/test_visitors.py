@@ -128,3 +128,82 @@ def test_one_robot_each(people: tuple[Visitors, Visitor, Visitor]) -> None:
     seats.take("runner", ada)
     assert seats.take("catcher", ada) == ["runner"]
     assert seats.described()["holders"] == {"catcher": "Ada"}
+
+
+def test_the_page_knows_who_is_here_and_who_sleeps(clock_s: list[float]) -> None:
+    everybody = Visitors()
+    assert everybody.described() == {"here": [], "asleep": False, "came": False}
+    ada = everybody.arrive("a", "Ada")
+    assert everybody.described() == {"here": [ada.key], "asleep": False, "came": True}
+    assert (len(ada.key), ada.left_s, ada.given_name) == (16, clock_s[0], "Ada")
+    everybody.leave(ada, closed=False)
+    assert everybody.described() == {"here": [], "asleep": True, "came": True}
+    everybody.arrive("a", "")
+    everybody.leave(ada, closed=True)
+    assert everybody.described()["asleep"] is False
+    for name in ("Visitor 12", "Visitor 3 (2)"):
+        everybody.rename(ada, name)
+        assert ada.given_name == ""
+
+
+def test_a_visitor_is_away_after_five_seconds(clock_s: list[float]) -> None:
+    everybody = Visitors()
+    ada = everybody.arrive("a", "Ada")
+    clock_s[0] += 100.0
+    assert not ada.is_away
+    everybody.leave(ada, closed=True)
+    clock_s[0] += visitors.AWAY_S
+    assert not ada.is_away
+    clock_s[0] += 0.1
+    assert ada.is_away
+
+
+def test_who_left_first_is_forgotten_where_too_many_are_known(clock_s: list[float]) -> None:
+    everybody = Visitors()
+    known = [everybody.arrive(str(number), "") for number in range(64)]
+    for number in (5, 3):
+        clock_s[0] += 1.0
+        everybody.leave(known[number], closed=True)
+    # Those who are not away yet stay, and so do those who are here.
+    newest = everybody.arrive("64", "")
+    assert everybody.arrive("5", "") is known[5]
+    everybody.leave(known[5], closed=True)
+    clock_s[0] += 60.0
+    everybody.arrive("65", "")
+    assert everybody.arrive("5", "") is known[5], "3 had left before"
+    again = everybody.arrive("3", "")
+    assert again not in known and again.name == "Visitor 67"
+    assert newest.name == "Visitor 65"
+
+
+def test_several_may_be_held_at_once(people: tuple[Visitors, Visitor, Visitor]) -> None:
+    _, ada, other = people
+    seats = Seats(holds_several=True)
+    assert seats.take("runner", ada) == seats.take("catcher", ada) == []
+    assert seats.described()["holders"] == {"runner": "Ada", "catcher": "Ada"}
+    assert seats.may("runner", None) and not seats.may("runner", other)
+    seats.ask("runner", other)
+    seats.give_back("runner")
+    assert other.note == "The runner is free now."
+    assert seats.holder("runner") is None and seats.holder("catcher") is ada
+
+
+def test_a_question_ends_with_who_asked_and_after_a_minute(
+    people: tuple[Visitors, Visitor, Visitor], clock_s: list[float]
+) -> None:
+    everybody, ada, other = people
+    seats = Seats()
+    seats.take("runner", ada)
+    seats.ask("runner", other)
+    clock_s[0] += visitors.ASK_S
+    seats.refresh()
+    assert seats.described()["questions"] == {"runner": "Visitor 2"}
+    clock_s[0] += 0.1
+    seats.refresh()
+    assert seats.described()["questions"] == {} and other.note == "Ada has not answered."
+    seats.ask("runner", other)
+    everybody.leave(other, closed=True)
+    clock_s[0] += visitors.AWAY_S + 0.1
+    seats.refresh()
+    assert seats.described() == {"holders": {"runner": "Ada"}, "questions": {}}
+    assert seats.answer("runner", ada, agrees=True) is None

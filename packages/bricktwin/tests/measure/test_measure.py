@@ -53,6 +53,15 @@ def comparison(log: SessionLog) -> Comparison:
     return compare(log, TWO_WHEELER)
 
 
+def test_a_virtual_robot_s_noise_is_that_of_its_seed() -> None:
+    def noise(seed: int) -> list[float]:
+        body = virtual(TWO_WHEELER, HIDDEN, seed).body
+        (eyes,) = TWO_WHEELER.sensors
+        return [body.distance_mm(eyes.port) for _ in range(10)]
+
+    assert noise(5) == noise(5) != noise(6)
+
+
 def test_it_takes_two_minutes(hub: VirtualHub, log: SessionLog) -> None:
     assert 60 < hub.now_s() < 120 and log.robot == "two-wheeler"
 

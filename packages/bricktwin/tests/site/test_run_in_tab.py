@@ -176,3 +176,16 @@ def test_an_interrupt_ends_a_program_that_runs() -> None:
     waits = "from pybricks.tools import wait\nwhile True:\n    wait(10)\n"
     assert run_source(page, waits) == run.STOPPED_EXIT_CODE
     assert page.text("err") == "The program was stopped (SystemExit).\n"
+
+
+def test_a_stream_of_the_program_tells_the_page_and_says_how_much_it_took() -> None:
+    told: list[tuple[str, str]] = []
+
+    class Told:
+        def tell(self, kind: str, text: str) -> None:
+            told.append((kind, text))
+
+    out, err = (run.ProgramOutput(Told(), kind) for kind in ("out", "err"))  # type: ignore[arg-type]
+    assert out.write(b"ab\xff") == 3 and err.write("größe") == 5
+    print("a", 1, file=err)
+    assert told == [("out", "ab\xff"), ("err", "größe"), *(("err", part) for part in "a 1\n")]

@@ -293,6 +293,12 @@ def test_ambient_light_depends_on_lamp() -> None:
     assert light("back", lamp) == light("ahead") == 10
     assert light("ahead", lamp, Wall((200, -50), (200, 50))) == 10, "the wall hides it"
     assert 10 < light("ahead", Lamp((660, 0, 50))) < 40, "a quarter at twice the distance"
+    assert light("ahead", Lamp((660, 0, 50))) == pytest.approx(10 + 80 / 4, abs=1)
+    assert light("ahead", lamp, lamp) == 100.0, "no sensor reads more"
+    assert light("ahead", Lamp((61, 0, 50), 5.0)) == 100.0, "near, and yet no point"
+    aside = math.radians(60)
+    beside = Lamp((60 + 300 * math.cos(aside), 300 * math.sin(aside), 50))
+    assert light("ahead", beside) == pytest.approx(10 + 80 / 2, abs=1), "by the cosine"
 
 
 def test_distance_to_walls_and_blocks() -> None:

@@ -61,7 +61,9 @@ def print_findings(
 
 def is_terminal() -> bool:
     """Whether the user can be asked a question."""
-    return sys.stdin is not None and sys.stdin.isatty() and sys.stderr.isatty()
+    # A closed stream cannot even be asked.
+    is_open = sys.stdin is not None and not sys.stdin.closed
+    return is_open and sys.stdin.isatty() and sys.stderr.isatty()
 
 
 _PIPE_S = 2.0

@@ -128,11 +128,6 @@ class TrialRecord:
         return bool(seq == self.seq)
 
     @property
-    def has_begun(self) -> bool:
-        """Whether anything has come."""
-        return bool(self.answers) or self.count is not None
-
-    @property
     def is_over(self) -> bool:
         """Whether the trial has ended, and the motors stand."""
         return self.count is not None

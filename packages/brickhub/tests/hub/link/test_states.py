@@ -29,6 +29,7 @@ def test_errors_lead_to_states_of_table() -> None:
         if isinstance(kind, type) and issubclass(kind, HubError) and kind is not HubError:
             assert cause_of(kind("what happened; what to do")) is not Cause.UNKNOWN, name
     assert cause_of(StoppedError("")) is Cause.HALTED
+    assert cause_of(errors.BricksError("of nothing that is in the table")) is Cause.UNKNOWN
 
 
 def test_every_state_can_recover() -> None:

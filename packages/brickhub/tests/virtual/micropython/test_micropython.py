@@ -399,3 +399,35 @@ print(function(), made)
         "6 2",
         "8 8",
     ]
+
+
+def test_small_things_that_programs_of_others_use() -> None:
+    source = """
+import micropython, usys
+print(micropython.heap_unlock(), micropython.heap_lock(), micropython.heap_lock())
+print(micropython.heap_unlock(), micropython.heap_unlock(), micropython.heap_unlock())
+print(micropython.opt_level(), micropython.opt_level(2), micropython.opt_level())
+print(micropython.const(5), micropython.stack_use())
+with usys.stdout as out:
+    print(out is usys.stdout, out.close())
+def function(): pass
+def generator(): yield
+print(function, generator, print)
+print([].append is not None, iter([]), reversed([]), zip(), enumerate([]), map(len, []))
+class Thing: pass
+print(type(3), Thing, OSError, type(None), object())
+"""
+    assert output(source).splitlines() == [
+        "0 None None",
+        "1 0 0",
+        "0 None 2",
+        "5 0",
+        "True None",
+        "<function> <generator> <function>",
+        "True <iterator> <reversed> <zip> <enumerate> <map>",
+        "<class 'int'> <class 'Thing'> <class 'OSError'> <class 'NoneType'> <object>",
+    ]
+
+
+def test_globals_are_shown_without_what_python_adds() -> None:
+    assert output("a = 1\nprint(globals())") == "{'__name__': '__main__', 'a': 1}"

@@ -6,7 +6,7 @@ from __future__ import annotations
 import pytest
 from hub_programs import Console, output
 
-from brickhub.robot import HubKind, MotorKind, Sense
+from brickhub.robot import HubKind, MotorKind, Sense, SensorKind
 from brickhub.virtual.bench_body import FittedBench
 from brickhub.virtual.firmware.motor_model import MOTOR_TYPES, Observer
 from brickhub.virtual.firmware.servo import servo_settings
@@ -16,6 +16,12 @@ from brickhub.virtual.panel import Panel, parse_press
 from brickhub.virtual.pybricks import modules
 from brickhub.virtual.stimuli import Sensed
 
+EV3_SENSORS = (
+    SensorKind.EV3_ULTRASONIC,
+    SensorKind.EV3_GYRO,
+    SensorKind.EV3_COLOR,
+    SensorKind.EV3_INFRARED,
+)
 HEAD = """
 from pybricks.hubs import EV3Brick
 from pybricks.ev3devices import *
@@ -229,4 +235,67 @@ print(PUPDevice(Port.S3).info()["id"], error(PUPDevice, Port.S2), error(LightSen
         "DCMotor(Port.A, Direction.CLOCKWISE) (<class 'OSError'>, 19) 4972",
         "(<class 'OSError'>, 95) <class 'OSError'>",
         "29 (<class 'OSError'>, 19) (<class 'OSError'>, 19)",
+    ]
+
+
+def test_sensors_in_their_own_modes() -> None:
+    """By the modes that ev3dev's ``ev3_uart_sensor_defs.c`` describes: a gyroscope counts up to
+    32767 degrees and 440 degrees a second, a sonar tells mm or tenths of inches."""
+    source = """
+from pybricks.iodevices import PUPDevice
+sonar, gyro, color, infrared = (PUPDevice(port) for port in (Port.S1, Port.S2, Port.S3, Port.S4))
+print([sonar.read(mode) for mode in range(7)])
+print([gyro.read(mode) for mode in range(5)])
+print([color.read(mode) for mode in range(3)], len(color.read(4)), len(color.read(5)))
+print(infrared.read(0), infrared.read(1), infrared.read(2), infrared.read(3))
+"""
+    sensed = {
+        "S1_distance": 254.0,
+        "S2_rotation": (-40_000.0, 441.0),
+        "S3_surface": (0, 100, 100),
+        "S3_ambient": 6.6,
+        "S4_distance": 101.0,
+        "S4_beacon": (20.4, 31.0),
+    }
+    modes = FittedBench(HubKind.EV3, devices=dict(zip("1234", EV3_SENSORS, strict=True)))
+    for name, stimulus in sensed.items():
+        port, sense = name.removeprefix("S").split("_")
+        modes.set_reading(port, Sense(sense), stimulus)
+    printed = output(HEAD + source, body=modes).splitlines()
+    assert printed[0] == "[(254,), (100,), (0,), (254,), (100,), (254,), (100,)]"
+    assert printed[1] == "[(-32767,), (440,), (0,), (-32767, 440), (0, 0, 0, 0)]"
+    assert printed[2] == "[(100,), (7,), (5,)] 3 4"
+    assert printed[3].startswith("(100,) (10, 20, ")
+    assert printed[3].endswith(" (0, 0, 0, 0) (384,)")
+
+
+def test_a_sensor_says_nothing_for_some_time_after_another_mode() -> None:
+    """30 ms of a color sensor, 1100 ms of an infrared one (``lego/device.h``)."""
+    source = """
+from pybricks.tools import StopWatch
+infrared, color = InfraredSensor(Port.S4), ColorSensor(Port.S2)
+watch = StopWatch()
+def took(call, *values):
+    watch.reset()
+    call(*values)
+    return watch.time()
+print(took(infrared.distance), took(infrared.beacon, 1), took(infrared.beacon, 1))
+print(took(color.reflection), took(color.ambient), took(color.ambient), took(color.rgb))
+"""
+    seen, lit = (list(map(int, line.split())) for line in on_brick(source).splitlines())
+    assert seen == [0, pytest.approx(1101, abs=2), 0]
+    assert lit == [0, pytest.approx(31, abs=2), 0, pytest.approx(31, abs=2)]
+
+
+def test_what_is_open_or_at_rest() -> None:
+    source = """
+brick = EV3Brick()
+print(brick.battery.type(), brick.battery.current() > 0)
+print(brick.system.storage(0, write=b"abc"), brick.system.storage(1, read=2))
+print(brick.system.reset_storage(), brick.system.storage(0, read=3))
+"""
+    assert on_brick(source).splitlines() == [
+        "Alkaline True",
+        "None b'bc'",
+        "None b'\\x00\\x00\\x00'",
     ]

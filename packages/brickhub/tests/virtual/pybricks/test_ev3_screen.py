@@ -13,7 +13,7 @@ from brickhub.virtual.bench_body import FittedBench
 from brickhub.virtual.interpreter import execute
 from brickhub.virtual.machine import Machine
 from brickhub.virtual.pybricks import modules
-from brickhub.virtual.raster import TERMINUS, Raster
+from brickhub.virtual.raster import MONO, TERMINUS, Raster
 
 HEAD = """
 from pybricks.hubs import EV3Brick
@@ -92,6 +92,78 @@ for x, color in enumerate((Color.BLACK, Color.GRAY, Color.RED, Color.WHITE, Colo
 """
     rows, _ = shown(source)
     assert list(rows[0][:6]) == [3, 2, 2, 0, 2, 2]
+
+
+def test_each_shape_has_the_place_the_shade_and_the_filling_that_a_program_gives() -> None:
+    """By the raster, whose pictures are the firmware's."""
+    source = """
+screen.draw_line(3, 4, 60, 30, 5, Color.GRAY)
+screen.draw_line(100, 4, 60, 90)
+screen.draw_box(70, 10, 90, 40, 6, True, Color.GRAY)
+screen.draw_box(100, 50, 120, 80)
+screen.draw_circle(140, 30, 12)
+screen.draw_circle(140, 90, 10, True, Color.GRAY)
+screen.draw_text(5, 60, "Ag", Color.GRAY)
+screen.set_font(Font.MONO_8X5_8)
+screen.draw_text(5, 100, "Ag")
+screen.draw_text(40, 100, "Ag", Color.WHITE, Color.BLACK)
+"""
+    expected = Raster(WIDTH, HEIGHT)
+    expected.line(3, 4, 60, 30, 5, 2)
+    expected.line(100, 4, 60, 90, 1, 3)
+    expected.rounded_box(70, 10, 21, 31, 6, 2, is_filled=True)
+    expected.rounded_box(100, 50, 21, 31, 0, 3, is_filled=False)
+    expected.circle(140, 30, 12, 3, is_filled=False)
+    expected.circle(140, 90, 10, 2, is_filled=True)
+    expected.text(5, 60, "Ag", 2)
+    expected.typeface = MONO
+    expected.text(5, 100, "Ag", 3)
+    width, height = MONO.size("Ag")
+    expected.box(39, 99, width + 2, height + 2, 3)
+    expected.text(40, 100, "Ag", 0)
+    assert b"".join(shown(source)[0]) == bytes(expected.pixels)
+
+
+def test_text_is_written_from_the_left_line_by_line() -> None:
+    image = Raster(WIDTH, HEIGHT)
+    image.text(10, 20, "i\ni", 3)
+    rows = [
+        bytes(image.pixels[start : start + WIDTH]) for start in range(0, len(image.pixels), WIDTH)
+    ]
+    height = TERMINUS.line_height
+    assert rows[20 : 20 + height] == rows[20 + height : 20 + 2 * height] and any(
+        rows[20 + height // 2]
+    )
+    assert not any(map(any, rows[:20])) and not any(map(any, rows[20 + 2 * height :]))
+    assert not any(any(row[:10]) for row in rows)
+
+
+def test_a_picture_in_the_middle_and_parts_up_to_the_edge() -> None:
+    source = """
+small = Image.empty(10, 6)
+small.draw_box(0, 0, 9, 5)
+screen.draw_pixel(0, 0)
+screen.load_image(small)
+part = Image(screen, sub=True, x1=170, y1=120, x2=173, y2=121)
+print(part.width, part.height, Image(screen, sub=True, x1=170, y1=120).width)
+print(Image.empty().width, Image.empty().height, Image.empty(5).height, Image.empty(1, 1).width)
+print(Font.DEFAULT.style, Font.LIBERATIONSANS_14.style)
+"""
+    rows, printed = shown(source)
+    assert printed == "4 2 8\n178 128 128 1\nMedium Regular\n"
+    dark = [(x, y) for y, row in enumerate(rows) for x, value in enumerate(row) if value]
+    assert (min(dark), max(dark)) == ((84, 61), (93, 66)), "what was there is gone"
+    assert len(dark) == 2 * 10 + 2 * 4
+
+
+def test_images_fill_the_memory_that_they_have() -> None:
+    source = """
+def many(count):
+    for _ in range(count):
+        Image.empty(1024, 1024)
+print(error(many, 2), "MemoryError" in error(many, 1))
+"""
+    assert shown(source)[1] == "None True\n"
 
 
 def test_parts_and_copies() -> None:

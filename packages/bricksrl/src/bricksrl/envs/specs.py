@@ -5,7 +5,7 @@ import traceback
 from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from math import inf, isnan
+from math import copysign, inf, isnan
 from typing import Any
 
 import torch
@@ -191,6 +191,14 @@ def set_vector_specs(env: EnvBase, task: Task) -> None:
     env.done_spec = end_specs(batch, device)
 
 
+_LARGEST = torch.finfo(torch.float32).max
+
+
+def _end(value: float) -> float:
+    """An end of a spec; TorchRL's unbounded ones end at the largest float."""
+    return copysign(inf, value) if abs(value) >= _LARGEST else float(value)
+
+
 def spec_entries(spec: Any, prefix: str | tuple[str, ...]) -> tuple[Entry, ...]:
     """Entries of a spec; where it has none, numbered ones with its bounds, infinite where it has
     none. ``prefix``: its key."""
@@ -201,8 +209,8 @@ def spec_entries(spec: Any, prefix: str | tuple[str, ...]) -> tuple[Entry, ...]:
     space = getattr(spec, "space", None)
     low = getattr(space, "low", None)
     high = getattr(space, "high", None)
-    lows = [-inf] * count if low is None else low.flatten().tolist()
-    highs = [inf] * count if high is None else high.flatten().tolist()
+    lows = [-inf] * count if low is None else list(map(_end, low.flatten().tolist()))
+    highs = [inf] * count if high is None else list(map(_end, high.flatten().tolist()))
     name = prefix if isinstance(prefix, str) else ".".join(prefix)
     bounds = zip(lows, highs, strict=True)
     return tuple(Entry(f"{name}_{index}", *ends) for index, ends in enumerate(bounds))
@@ -254,8 +262,8 @@ class ImageShape:
         image = cls(key, side, channels, is_last)
         low = getattr(spec.space, "low", None)
         high = getattr(spec.space, "high", None)
-        black = image.low if low is None else float(low.max())
-        white = image.high if high is None else float(high.max())
+        black = image.low if low is None else _end(float(low.max()))
+        white = image.high if high is None else _end(float(high.max()))
         if inf > white > black > -inf:
             return replace(image, low=black, high=white)
         # An unbounded spec does not say what white is.
