@@ -39,7 +39,10 @@ from brickhub.hub.transport import HubProgram
 
 TIME_LIMIT_S = 3.0
 _TIMEOUT_S = 600.0
-_POWERED_UP = {"PrimeHub", "InventorHub", "EssentialHub", "TechnicHub", "CityHub", "MoveHub"}
+_POWERED_UP = {
+    *("PrimeHub", "InventorHub", "EssentialHub", "TechnicHub", "CityHub", "MoveHub"),
+    "LWP3Device",
+}
 # Names of the firmware's modules on an EV3.
 NAMES: dict[str, set[str]] = {
     "pybricks": {"version"},

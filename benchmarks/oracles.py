@@ -43,8 +43,8 @@ from bricksrl.envs.arenas import ARENAS, get_arena_task
 from bricksrl.training import TrainConfig, resume, train
 from bricksrl.training.checkpoint import load_checkpoint
 from bricktwin.robots import ROBOTS
-from bricktwin.twin.arena import ArenaWorld
 from bricktwin.twin.make_body import lies_on_bench, make_body
+from bricktwin.twin.mujoco_arena import ArenaWorld
 from bricktwin.twin.scene import OPEN_FLOOR
 
 EPISODES = {

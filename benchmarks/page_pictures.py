@@ -39,7 +39,7 @@ from bricksrl.envs.make import has_arrays, make
 from bricksrl.envs.registry import is_simulation, list_envs
 from bricksrl.envs.tasks.scripted import CONTROLLERS
 from bricksrl.errors import BricksError
-from bricktwin.twin.arena import ArenaWorld
+from bricktwin.twin.mujoco_arena import ArenaWorld
 from bricktwin.twin.mujoco_body import MujocoBody
 from bricktwin.twin.render.opengl import Renderer
 from bricktwin.twin.render.video import Room

@@ -15,6 +15,7 @@ from importlib import metadata
 from pathlib import Path
 
 import pytest
+from packaging.specifiers import SpecifierSet
 
 import bricksrl
 from brickhub import HOUSES
@@ -179,6 +180,22 @@ def test_package_import_loads_no_torch():
         [sys.executable, "-c", program], capture_output=True, text=True, timeout=60, check=True
     )
     assert done.stdout == "[]\n"
+
+
+def test_pinned_versions_accept_the_oldest_python() -> None:
+    # Debian 12 has Python 3.11.2; pip said of a version for 3.11.5 and later only that there is a
+    # conflict.
+    pinned = {_name(line) for line in _constraints()}
+    younger = [
+        found.name
+        for found in metadata.distributions()
+        if _name(found.name) in pinned and not _accepts(found, "3.11.0")
+    ]
+    assert younger == []
+
+
+def _accepts(distribution: metadata.Distribution, python: str) -> bool:
+    return SpecifierSet(distribution.metadata["Requires-Python"] or "").contains(python)
 
 
 def _constraints() -> list[str]:

@@ -45,6 +45,7 @@ LACKS = (
         "Chromium",
         "apt install chromium (elsewhere: .venv/bin/playwright install chromium)",
     ),
+    Lack("driver of Playwright", "a library of Playwright's driver", "apt install libatomic1"),
     Lack(
         "is not on this computer",
         "Firefox or WebKitGTK",

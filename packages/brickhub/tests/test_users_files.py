@@ -18,12 +18,12 @@ from brickhub.user_files import (
     code_names,
     failure_of_user,
     is_reference,
-    line_of_user,
     load_object,
     load_robot,
     with_absolute_file,
     without_folder,
 )
+from brickhub.user_lines import line_of_user
 
 ROBOT = "from brickhub.robot import HubKind, Robot\n"
 

@@ -164,3 +164,39 @@ print(abs(hub.imu.heading()) > 45, abs(hub.imu.heading()) < 1)
 
     assert printed(*motors) == "True False"
     assert printed(*reversed(motors)) == "False True"
+
+
+DRIVEN = """
+from pybricks.messaging import BLERadio
+from pybricks.parameters import Direction, Port
+from pybricks.pupdevices import Motor
+from pybricks.robotics import DriveBase
+from pybricks.tools import wait
+radio = BLERadio(observe_channels=[1])
+base = DriveBase(Motor(Port.E, Direction.COUNTERCLOCKWISE), Motor(Port.A), 56, 130)
+while not radio.observe(1):
+    wait(10)
+base.straight(radio.observe(1))
+print(round(base.distance()))
+"""
+TOLD = """
+from pybricks.messaging import BLERadio
+from pybricks.tools import wait
+BLERadio(broadcast_channel=1).broadcast(120)
+wait(3000)
+"""
+
+
+def test_robots_of_several_programs_share_a_world(pybricks_hub: PybricksHub) -> None:
+    told, driven = pybricks_hub.run_together(TOLD, DRIVEN, robots=["scout", "two-wheeler"])
+    assert (told.exit_code, driven.exit_code, driven.errors) == (0, 0, "")
+    assert abs(int(driven.output) - 120) <= 2
+    # Its motors have really turned: 120 mm are 245 degrees of a wheel of 56 mm.
+    assert 240 < float(driven.log[-1]["A_angle_deg"] or 0.0) < 252
+    with pytest.raises(DescriptionError, match="1 robot for 2 programs; name one for each"):
+        pybricks_hub.run_together(TOLD, DRIVEN, robots=["scout"])
+    with pytest.raises(DescriptionError, match="a bench has no body to share a world"):
+        pybricks_hub.run_together(TOLD, DRIVEN, robots=["scout", "bench"])
+    for wrong in ("scout", ["scout", None]):
+        with pytest.raises(DescriptionError, match="give a list of names, such as"):
+            pybricks_hub.run_together(TOLD, DRIVEN, robots=wrong)  # type: ignore[list-item,arg-type]

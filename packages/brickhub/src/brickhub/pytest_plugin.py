@@ -12,14 +12,17 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, partial
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 import pytest
 
 if TYPE_CHECKING:
     from brickhub.robot import Robot
+    from brickhub.target import SharedWorld
     from brickhub.virtual.body import Body
     from brickhub.virtual.machine import Machine
+    from brickhub.virtual.own_devices import AnyOwnDevice, OwnDeviceOf
     from brickhub.virtual.run_log import RunLog
     from brickhub.virtual.stimuli import Reading
 
@@ -80,6 +83,7 @@ class PybricksHub:
         end_stops: Mapping[str, tuple[float, float]] | Sequence[str] = (),
         starts: Sequence[str] = (),
         ports: Sequence[str] = (),
+        own_devices: Mapping[str, AnyOwnDevice | OwnDeviceOf] = MappingProxyType({}),
         presses: Sequence[str] = (),
         stdin: str | bytes = "",
         time_limit_s: float | None = 60.0,
@@ -97,6 +101,8 @@ class PybricksHub:
                 motor.
             starts: angles at which motors on the bench stand at first, such as ``"A=90"``.
             ports: motors and sensors on the bench, such as ``"A=interactive"``.
+            own_devices: devices of one's own by port, on the bench or of a robot, as of
+                ``brickhub.virtual.own_devices``; or functions that make one for the robot.
             presses: of buttons, such as ``"left@2.5s"``.
             stdin: what the program can read.
             time_limit_s: simulated seconds until the program is stopped; ``None`` for no limit.
@@ -133,6 +139,7 @@ class PybricksHub:
             end_stops=dict(map(parse_end_stop, texts_of_stops)),
             starts=dict(map(parse_start, starts)),
             devices=dict(map(parse_device, ports)),
+            own_devices=own_devices,
             attend=attend,
         )
         source = io.BytesIO(stdin) if isinstance(stdin, bytes) else io.StringIO(stdin)
@@ -156,34 +163,54 @@ class PybricksHub:
     def run_together(
         self,
         *programs: str | Path,
+        robots: Sequence[str] = (),
         time_limit_s: float | None = 60.0,
     ) -> list[ProgramRun]:
-        """Run several programs, each on a bench of its own in one room, where the hubs hear one
-        another; what each did, in order. Raises as `run`."""
-        from brickhub.virtual.room import HubProgramFile, Room
+        """Run several programs in one room, where the hubs hear one another.
+
+        Args:
+            programs: as of `run`.
+            robots: what ``--robot`` names, for each program; they share a world. Without them each
+                hub has a bench of its own.
+            time_limit_s: as of `run`.
+
+        Returns:
+            What each did, in order.
+
+        Raises:
+            ProgramError, DescriptionError, TwinError: as of `run`; or robots have no bodies.
+        """
+        from brickhub.virtual.room import HubProgramFile, Room, on_benches_m
         from brickhub.virtual.run import Operation, interruptible
         from brickhub.virtual.run_log import RunLog
 
         logs = [RunLog() for _ in programs]
         outs = [io.BytesIO() for _ in programs]
         errs = [io.StringIO() for _ in programs]
+        world = self._world(robots, len(programs)) if robots else None
+        bodies: Sequence[Body | None] = world.bodies if world else [None] * len(programs)
         hubs = []
         for number, program in enumerate(programs):
             hubs.append(
                 HubProgramFile(
                     self._file(program, f"main_{number + 1}.py"),
+                    bodies[number],
                     operation=Operation(attend=partial(_keep_log, logs[number])),
                     stdout=outs[number],
                     stderr=errs[number],
                 )
             )
+        room = Room(
+            hubs,
+            stdout=sys.stdout.buffer,
+            stderr=sys.stderr,
+            time_limit_s=time_limit_s,
+            distance_m=world.distance_m if world else on_benches_m,
+        )
+        if world:
+            world.runners = [partial(room.run_until, number) for number in range(len(hubs))]
         with interruptible():
-            codes = Room(
-                hubs,
-                stdout=sys.stdout.buffer,
-                stderr=sys.stderr,
-                time_limit_s=time_limit_s,
-            ).run()
+            codes = room.run()
         return [
             ProgramRun(code, out.getvalue().decode(errors="replace"), err.getvalue(), log)
             for code, out, err, log in zip(codes, outs, errs, logs, strict=True)
@@ -215,14 +242,42 @@ class PybricksHub:
             return BenchBody(robot, dict(readings), dict(end_stops))  # type: ignore[arg-type]
         if not isinstance(robot, str):
             return robot
-        # A file beside the test is found wherever pytest was started; anything else is a name such
-        # as `walker`.
-        file = self._folder / robot
-        target = find(str(file) if file.is_file() else robot)
+        target = find(self._robot_name(robot))
         stops = end_stops_of(target.robot, end_stops)
         if target.robot is BENCH:
             return None
         return target.make_body(end_stops=stops) if stops else target.make_body()
+
+    def _world(self, robots: Sequence[str], count: int) -> SharedWorld:
+        """World of robots, one for each of so many programs. Raises DescriptionError if there are
+        more or fewer, no list of names, or if robots have no bodies."""
+        from brickhub.errors import DescriptionError, counted
+        from brickhub.target import find
+
+        if isinstance(robots, str) or not all(isinstance(robot, str) for robot in robots):
+            raise DescriptionError(
+                f"robots are {robots!r}; give a list of names, such as ['two-wheeler', 'scout']"
+            )
+        if len(robots) != count:
+            raise DescriptionError(
+                f"{counted(len(robots), 'robot')} for {count} programs; name one for each"
+            )
+        named = []
+        for robot in robots:
+            name = self._robot_name(robot)
+            named.append((name, find(name)))
+        _, first = named[0]
+        if first.share_world is None:
+            raise DescriptionError(
+                "robots that share a world need bodies: install bricktwin; or name no robots"
+            )
+        return first.share_world(named)
+
+    def _robot_name(self, robot: str) -> str:
+        """A file beside the test, which is found wherever pytest was started; anything else is a
+        name such as ``walker``."""
+        file = self._folder / robot
+        return str(file) if file.is_file() else robot
 
     def _file(self, program: str | Path, name: str = "main.py") -> Path:
         # A single line that ends like a file name is one, because no program of one line reads

@@ -5,11 +5,13 @@ environments) declares its own `find` as an entry point of the group ``brickhub.
 the house below for what it does not know.
 """
 
+from __future__ import annotations
+
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from importlib import metadata
-from typing import Any
+from typing import Any, Protocol
 
 from brickhub import HOUSES
 from brickhub.errors import UnknownNameError
@@ -35,6 +37,23 @@ _TURN_DEG = 600.0
 """Largest angle of a command, either way."""
 
 
+class SharedWorld(Protocol):
+    """World of several robots.
+
+    Attributes:
+        runners: functions that let each robot's hub come to a time (ms), as ``Room.run_until``.
+    """
+
+    runners: list[Callable[[int], None]]
+
+    @property
+    def bodies(self) -> Sequence[Body]:
+        """Bodies of the robots, by number."""
+
+    def distance_m(self, one: int, other: int) -> float:
+        """Distance of two hubs, by number."""
+
+
 @dataclass(frozen=True)
 class Target:
     """Robot of a command.
@@ -47,6 +66,8 @@ class Target:
         scene: surroundings of the virtual robot, as that house describes them; ``None`` if nothing
             is said.
         note: what a person who gave the name should know of it.
+        share_world: puts the robots of several targets into one world, each with the name that a
+            person gave; ``None`` where robots have no bodies.
     """
 
     name: str
@@ -55,6 +76,7 @@ class Target:
     make_body: Callable[..., Body]
     scene: Any = None
     note: str = ""
+    share_world: Callable[[Sequence[tuple[str, Target]]], SharedWorld] | None = None
 
 
 def whole_interface(robot: Robot) -> Interface:

@@ -7,8 +7,6 @@ import importlib.util
 import os
 import re
 import sys
-import sysconfig
-import traceback
 import types
 import typing
 from collections.abc import Container, Iterator, Mapping
@@ -20,6 +18,7 @@ from typing import Any
 from brickhub import HOUSES
 from brickhub.errors import BricksError, DescriptionError, UnknownNameError, message_of
 from brickhub.robot import Robot
+from brickhub.user_lines import line_of_user
 
 
 @dataclass(frozen=True)
@@ -145,6 +144,7 @@ def load_object(
     default: str | type,
     *,
     missing: str = "write one there",
+    noun: str = "",
 ) -> Any:
     """Object of that name in the user's code.
 
@@ -153,6 +153,7 @@ def load_object(
             may be omitted.
         default: the name where it is omitted, or the type of the file's only object of that type.
         missing: what to do where a file has no object of that type, for the message.
+        noun: what an object of that type is called in messages; by default the type's name.
 
     Raises:
         UnknownNameError: there is no such file, module or name, or this is no reference.
@@ -170,13 +171,21 @@ def load_object(
             f"plan alone, {location}, or a Python file"
         )
     module = _load(location, reference)
-    if not name and isinstance(default, type):
-        return _only(default, module, reference, missing)
+    if isinstance(default, type):
+        noun = noun or default.__name__.lower()
+        if not name:
+            return _only(
+                default,
+                module,
+                location,
+                missing,
+                noun,
+            )
     name = name or str(default)
     try:
         return getattr(module, name)
     except AttributeError:
-        wanted = "what" if isinstance(default, str) else f"a {default.__name__.lower()} that"
+        wanted = "what" if isinstance(default, str) else f"a {noun} that"
         raise UnknownNameError(
             f"there is no '{name}' in {location}; name {wanted} is written there"
         ) from None
@@ -321,36 +330,6 @@ def beside(reference: str) -> Iterator[None]:
         sys.path.remove(str(folder))
 
 
-def line_of_user(error: BaseException) -> str:
-    """Location in the user's files where an exception was raised, as ", my_task.py, line 7"; empty
-    if there is none."""
-    foreign = [folder.resolve() for folder in _foreign_folders()]
-    # The innermost call comes first, because the user's last line explains more than the one that
-    # began it all.
-    for frame in reversed(traceback.extract_tb(error.__traceback__)):
-        path = Path(frame.filename)
-        # Code that was made from a text, such as a dataclass's methods, has a name like "<string>".
-        if not path.is_file():
-            continue
-        file = path.resolve()
-        if not any(file.is_relative_to(folder) for folder in foreign):
-            return f", {path.name}, line {frame.lineno}"
-    return ""
-
-
-def _foreign_folders() -> Iterator[Path]:
-    """Folders of code that is not the user's: ours, wherever it is installed, Python's, and that
-    of installed packages."""
-    for house in HOUSES:
-        file = getattr(sys.modules.get(house), "__file__", None)
-        if file:
-            yield Path(file).resolve().parent
-    for name in ("stdlib", "platstdlib", "purelib", "platlib", "scripts"):
-        folder = sysconfig.get_path(name)
-        if folder:
-            yield Path(folder)
-
-
 @contextlib.contextmanager
 def calling(
     reference: str,
@@ -393,8 +372,9 @@ def _run_file(path: Path) -> ModuleType:
 def _only(
     type_: type,
     module: ModuleType,
-    reference: str,
+    location: str,
     missing: str,
+    noun: str,
 ) -> Any:
     """The only object of a type in a module. Raises UnknownNameError for none or several."""
     # An object does not record which module defines it, so imported ones count too.
@@ -408,12 +388,11 @@ def _only(
     names = named or list(objects)
     if len(names) == 1:
         return objects[names[0]]
-    noun = type_.__name__.lower()
     if not names:
-        raise UnknownNameError(f"{reference} has no {noun}; {missing}")
+        raise UnknownNameError(f"{location} has no {noun}; {missing}")
     known = ", ".join(names)
-    remedy = f"name one: {reference}:{noun.upper()}"
+    remedy = f"name one: {location}:{noun.upper()}"
     if not named:
         example = f"{noun.upper()} = {names[0]}"
-        remedy = f"give one a name of its own, {example}, and name it: {reference}:{noun.upper()}"
-    raise UnknownNameError(f"{reference} has {len(names)} {noun}s ({known}); {remedy}")
+        remedy = f"give one a name of its own, {example}, and name it: {location}:{noun.upper()}"
+    raise UnknownNameError(f"{location} has {len(names)} {noun}s ({known}); {remedy}")

@@ -14,16 +14,13 @@ import time
 from pathlib import Path
 
 import pytest
+from radio_programs import HEAD, random_program
 
 from brickhub.cli import main
 from brickhub.errors import TwinError
 from brickhub.virtual.air import INTERVAL_MS, LASTS_MS, NOTHING_HEARD_DBM, Air, Antenna
 from brickhub.virtual.room import HubProgramFile, Room
 
-HEAD = """
-from pybricks.messaging import BLERadio
-from pybricks.tools import StopWatch, wait
-"""
 SENDER = HEAD + "radio = BLERadio(broadcast_channel=7)\n"
 LISTENER = HEAD + "radio = BLERadio(observe_channels=[7])\n"
 
@@ -55,7 +52,7 @@ def run(tmp_path: Path, *sources: str, limit_s: float | None = 60.0) -> tuple[li
         ("[1, 2]", "(1, 2)"),
         ("(5,)", "(5,)"),
         ("'x' * 24", "'xxxxxxxxxxxxxxxxxxxxxxxx'"),
-        ("()", "None"),
+        ("()", "()"),
     ],
 )
 def test_each_kind_of_data_arrives(tmp_path: Path, sent: str, heard: str) -> None:
@@ -76,6 +73,41 @@ def test_each_kind_of_data_arrives(tmp_path: Path, sent: str, heard: str) -> Non
 def test_what_does_not_fit_is_refused(tmp_path: Path, sent: str, says: str) -> None:
     codes, _, err = run(tmp_path, f"{SENDER}radio.broadcast({sent})\n", LISTENER)
     assert codes == [1, 0] and says in err and err.startswith("a: Traceback")
+
+
+def test_two_tasks_cannot_change_the_message_at_once(tmp_path: Path) -> None:
+    """As on a hub: one of them is refused, and the same message again is none."""
+    source = f"""
+from pybricks.tools import multitask, run_task, wait
+{SENDER}
+async def say(*messages):
+    for message in messages:
+        try:
+            await radio.broadcast(message)
+        except OSError as error:
+            print(message, error.errno)
+        await wait(1)
+
+async def main():
+    await multitask(say(1, 2, 3), say("b"))
+    await multitask(say(3), say(3, None))
+    await multitask(say(True), say(1))
+
+run_task(main())
+"""
+    codes, out, _ = run(tmp_path, source)
+    assert codes == [0] and out == "a: b 16\na: 1 16\n"
+
+
+def test_channels_are_numbers_of_a_byte(tmp_path: Path) -> None:
+    listener = (
+        f"{HEAD}radio = BLERadio(observe_channels=[7])\nwait(500)\nprint(radio.observe(263))\n"
+    )
+    many = f"{HEAD}BLERadio(observe_channels=range(256))\n"
+    sender = f"{SENDER}radio.broadcast(5)\nwait(900)\n"
+    codes, out, err = run(tmp_path, sender, listener, many)
+    assert codes == [0, 0, 1] and out == "b: 5\n"
+    assert err.endswith("c: ValueError: Too many observe channels\n")
 
 
 def test_a_message_lasts_a_second_after_it_was_heard_last(tmp_path: Path) -> None:
@@ -153,6 +185,11 @@ def test_one_that_fails_or_waits_does_not_stop_another(tmp_path: Path) -> None:
     assert "a: ZeroDivisionError" in err and "c: The program was stopped at the time limit" in err
 
 
+def test_who_waits_for_input_is_told_that_a_room_has_none(tmp_path: Path) -> None:
+    codes, _, err = run(tmp_path, "input()\n", "print(1)\n")
+    assert codes == [1, 0] and "several hubs in a room have none, so run it alone" in err
+
+
 def test_strength_is_smoothed_and_falls_with_the_distance() -> None:
     near, far = Antenna(), Antenna()
     for antenna, distance_m in ((near, 1.0), (far, 4.0)):
@@ -168,24 +205,6 @@ def test_strength_is_smoothed_and_falls_with_the_distance() -> None:
     assert heard.strength_dbm == before - 10, "a quarter of 512 ms"
     heard.take(time_ms + 128 + 600, 1, -100)
     assert heard.strength_dbm == -100
-
-
-def random_program(rng: random.Random, own: int) -> str:
-    other = 1 - own
-    lines = [f"{HEAD}radio = BLERadio({own}, [{other}])\nx = 0\n"]
-    for _ in range(rng.randint(3, 9)):
-        lines.append(
-            rng.choice(
-                (
-                    f"wait({rng.randint(1, 400)})\n",
-                    f"radio.broadcast(({rng.randint(-9, 9)}, x))\n",
-                    f"print(radio.observe({other}), radio.signal_strength({other}))\n",
-                    "for i in range(50):\n    x += i\n    wait(1)\n",
-                    f"while radio.observe({other}) is None and x < 200:\n    x += 1\n    wait(3)\n",
-                )
-            )
-        )
-    return "".join(lines)
 
 
 @pytest.mark.parametrize("count", [8, pytest.param(100, marks=pytest.mark.slow)])
@@ -211,7 +230,7 @@ def test_command(tmp_path: Path, capfdbinary: pytest.CaptureFixture[bytes]) -> N
     assert said.out == b"main 1: 1\nmain 2: 2\n" and b"main 2: ValueError" in said.err
     for option, says in (
         (("--press", "left@1s"), b"several hubs have no --press"),
-        (("--robot", words[0]), b"there are 2 programs and 1 robots"),
+        (("--robot", words[0]), b"there are 2 programs and 1 robot;"),
         (
             ("--robot", words[0], "--robot", words[1]),
             b"robots that share a world need bodies: use bricktwin run",

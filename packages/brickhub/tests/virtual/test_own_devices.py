@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import io
+import re
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +16,15 @@ from brickhub.errors import DescriptionError, TwinError
 from brickhub.robot import HubKind
 from brickhub.virtual.bench_body import BenchBody, FittedBench
 from brickhub.virtual.body import Body
-from brickhub.virtual.own_devices import AnyOwnDevice, OwnDevice, OwnI2c, OwnMode, OwnUart
+from brickhub.virtual.own_devices import (
+    AnyOwnDevice,
+    OwnDevice,
+    OwnDeviceOf,
+    OwnI2c,
+    OwnMode,
+    OwnUart,
+    TrueRobot,
+)
 from brickhub.virtual.run import Operation, run_file
 
 GAUGE = """
@@ -77,7 +87,10 @@ run_task(read())
 
 
 def run(
-    tmp_path: Path, source: str, devices: dict[str, AnyOwnDevice], body: Body | None = None
+    tmp_path: Path,
+    source: str,
+    devices: Mapping[str, AnyOwnDevice | OwnDeviceOf],
+    body: Body | None = None,
 ) -> tuple[int, str, str]:
     path, out, err = tmp_path / "main.py", io.BytesIO(), io.StringIO()
     path.write_text(source)
@@ -179,7 +192,10 @@ def test_answers_on_the_bus_that_do_not_fit_are_named(
     ("answer", "says"),
     [
         (lambda *_: "text", "the function of the UART returned 'text'; return bytes"),
-        (lambda *_: 1 / 0, "the function of the UART failed (ZeroDivisionError: division by zero)"),
+        (
+            lambda *_: 1 / 0,
+            "failed (ZeroDivisionError: division by zero, test_own_devices.py, line ",
+        ),
     ],
 )
 def test_answers_of_a_uart_that_do_not_fit_are_named(
@@ -202,7 +218,7 @@ def test_function_that_is_written_to_and_fails_is_named(tmp_path: Path) -> None:
         (lambda _: [300], r"mode M returned (300,); return 1 whole numbers of 8 bits"),
         (lambda _: [1, 2], r"mode M returned (1, 2)"),
         (lambda _: [0.5], r"mode M returned (0.5,)"),
-        (lambda _: 1 / 0, "the function of mode M failed (ZeroDivisionError: division by zero)"),
+        (lambda _: 1 / 0, "the function of mode M failed (ZeroDivisionError: division by zero, "),
         (lambda _: 5, "the function of mode M failed (TypeError"),
     ],
 )
@@ -221,6 +237,8 @@ def test_values_that_do_not_fit_are_named(tmp_path: Path, function: Any, says: s
         (lambda: OwnMode("M", lambda _: [0], count=9), "no more than 32 bytes"),
         (lambda: OwnMode("M", lambda _: [0], count=0), "give at least one"),
         (lambda: OwnDevice(1, ()), "a device of 0 modes; give it 1 to 16"),
+        (lambda: OwnDevice(256, gauge().modes), "the id 256; give a whole number from 0 to 255"),
+        (lambda: OwnDevice("9", gauge().modes), "the id '9'; give"),  # type: ignore[arg-type]
         (lambda: OwnI2c(128), "at the I2C address 128; give 0 to 127, without the bit for"),
     ],
 )
@@ -234,6 +252,8 @@ def test_ports_are_checked(tmp_path: Path) -> None:
         run(tmp_path, "", {"Z": gauge()})
     with pytest.raises(TwinError, match="port E of 'two-wheeler' has another device"):
         run(tmp_path, "", {"E": gauge()}, BenchBody(TWO_WHEELER))
+    with pytest.raises(TwinError, match="an I2C device does not fit port A of the prime hub"):
+        run(tmp_path, "", {"A": OwnI2c(3)})
 
 
 def test_command(
@@ -260,13 +280,62 @@ def test_command(
     )
     assert main(("run", "brick.py", "--port", "S4=bus.py")) == 0
     assert capfd.readouterr().out == "b'7'\n"
+    (tmp_path / "two.py").write_text(
+        "from brickhub.virtual.own_devices import *\nONE = OwnI2c(3)\nTWO = OwnI2c(4)\n"
+    )
     for words, says in (
         ("A=mine.py:NONE", "mine.py:NONE is no OwnDevice, OwnUart or OwnI2c"),
         ("A=no.py", "there is no file no.py"),
+        ("A=mine.py:OTHER", "there is no 'OTHER' in mine.py; name a device that is written"),
+        ("A=two.py", "two.py has 2 devices (ONE, TWO); name one: two.py:DEVICE"),
         ("=mine.py", "names no port"),
     ):
         assert main(("run", "main.py", "--port", words)) == 2
         assert says in capfd.readouterr().err
+
+
+COMPASS = """
+from pybricks.iodevices import PUPDevice
+from pybricks.parameters import Direction, Port
+from pybricks.pupdevices import Motor
+from pybricks.robotics import DriveBase
+compass = PUPDevice(Port.F)
+base = DriveBase(Motor(Port.E, Direction.COUNTERCLOCKWISE), Motor(Port.A), 56, 130)
+base.turn(90)
+print(compass.read(0))
+base.straight(200)
+print(compass.read(1))
+"""
+
+
+def compass(robot: TrueRobot) -> OwnDevice:
+    north = OwnMode("NORTH", lambda _: [round(robot.heading_deg())])
+    rest = (robot.x_mm, robot.y_mm, lambda: robot.angle_deg("A"))
+    return OwnDevice(201, (north, OwnMode("REST", lambda _: [round(read()) for read in rest], 3)))
+
+
+def test_a_device_measures_the_robot_on_a_bench(tmp_path: Path) -> None:
+    code, out, err = run(tmp_path, COMPASS, {"F": compass})
+    assert (code, err) == (0, "")
+    north, rest = map(eval, out.splitlines())
+    assert north == pytest.approx([90], abs=2)
+    # A bench goes nowhere: wheels of 56 mm turn by 409 degrees, less the 209 of the turn.
+    assert rest == pytest.approx([0, 0, 409 - 209], abs=3)
+
+
+@pytest.mark.parametrize(
+    ("make", "says"),
+    [
+        (lambda robot: 3, "the function <lambda> returned 3; return an OwnDevice, OwnUart or"),
+        (lambda robot: robot.x, "the function of <lambda> failed (AttributeError"),
+        (lambda robot: robot.angle_deg("B"), "port B of 'bench' has no motor"),
+    ],
+)
+def test_what_makes_no_device_is_refused(
+    tmp_path: Path, make: Callable[[TrueRobot], AnyOwnDevice], says: str
+) -> None:
+    with pytest.raises(DescriptionError, match=re.escape(says)):
+        run(tmp_path, "", {"A": make})
 
 
 AGAIN = """

@@ -50,6 +50,7 @@ def _of_task(task: Task) -> Target:
         task.interface,
         partial(make_body, task.robot, scene=task.scene),
         task.scene,
+        share_world=target.shared_world,
     )
 
 
@@ -73,6 +74,7 @@ def _in_arena(task: ArenaTask, name: str) -> Target:
         task.interfaces[index],
         partial(make_body, robot),
         note=note,
+        share_world=target.shared_world,
     )
 
 

@@ -113,3 +113,21 @@ def test_robots_of_an_arena_have_programs(bricksrl, fails) -> None:
         "Tag-v0:runer",
         says="Tag-v0 has no robot 'runer' (did you mean 'runner'?); it has catcher, runner",
     )
+
+
+def test_own_device_on_the_robot_of_an_environment(bricksrl, tmp_path):
+    (tmp_path / "own.py").write_text(
+        "from brickhub.virtual.own_devices import OwnDevice, OwnMode\n"
+        "def wheel(robot):\n"
+        "    turned = OwnMode('TURNED', lambda time_s: [round(robot.angle_deg('A'))])\n"
+        "    return OwnDevice(201, (turned,))\n"
+    )
+    path = tmp_path / "turn.py"
+    path.write_text(
+        "from pybricks.iodevices import PUPDevice\nfrom pybricks.pupdevices import Motor\n"
+        "from pybricks.parameters import Port\nwheel, motor = PUPDevice(Port.F), Motor(Port.A)\n"
+        "motor.run_angle(500, 90)\nprint(motor.angle() - wheel.read(0)[0])\n"
+    )
+    plug = f"F={tmp_path / 'own.py'}:wheel"
+    done = bricksrl("hub", "run", str(path), "--robot", "RunAway-v0", "--port", plug)
+    assert done.stdout == "0\n"

@@ -6,6 +6,8 @@ import json
 import re
 from pathlib import Path
 
+from bricksrl.cli import main, train
+from bricksrl.policies import hub_export
 from bricksrl.training import RunFolder
 from bricktwin.robots import plans
 
@@ -26,18 +28,22 @@ def test_look_says_what_each_device_is_and_what_can_be_learned(bricksrl):
     assert "  walk    walk forward: it drives on wheels" in lines
 
 
-def test_learning_ends_with_a_report_and_the_hubs_program(bricksrl, tmp_path):
+def test_learning_ends_with_a_report_and_the_hubs_program(monkeypatch, capfd, tmp_path):
+    # One episode of each kind is enough to see what is written.
+    monkeypatch.setattr(train, "_EVALUATED_EPISODES", 1)
+    monkeypatch.setattr(hub_export, "EPISODES", 1)
     run = tmp_path / "six"
     words = ["--episodes", "1", "--no-film", "--scene", "sumo", "--run", str(run)]
-    done = bricksrl("learn", str(SIX_LEGS), *words, timeout_s=240.0)
-    assert done.returncode == 0, done.stderr
+    code = main(["learn", str(SIX_LEGS), *words])
+    said = capfd.readouterr()
+    assert not code, said.err
     folder = RunFolder(run)
     assert folder.read_config().agent == "gait"
     assert folder.read_config().scene == "sumo"
     assert (run / "report.html").exists()
     program = (run / "on_the_hub.py").read_text(encoding="utf-8")
     assert "def turn_legs" in program
-    assert f"--robot {SIX_LEGS}:walk" in done.stdout
+    assert f"--robot {SIX_LEGS}:walk" in said.out
 
 
 def test_json_has_what_the_lines_have(bricksrl):

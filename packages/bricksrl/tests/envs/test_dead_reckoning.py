@@ -17,8 +17,9 @@ from benchmarks.scripted import CONTROLLERS
 from brickhub.hub.interface import DriveSpeed, Interface, MotorAngle, RunAngle, Wait, YawRate
 from brickhub.hub.link.profiles import LinkProfile
 from brickhub.robot import SensorKind
+from brickhub.robot.line_edge import LINE_EDGES
 from bricksrl.envs.odometry import FloorPose, Target, TargetTracker, start_pose
-from bricksrl.envs.tasks.line_follow import EDGES, LINE_FOLLOW
+from bricksrl.envs.tasks.line_follow import LINE_FOLLOW
 from bricksrl.envs.tasks.park import PARK, cost, reward
 from bricksrl.errors import DescriptionError
 from bricktwin.robots import TWO_WHEELER, WALKER
@@ -254,7 +255,7 @@ def test_success_uses_true_position_of_twin(monkeypatch: pytest.MonkeyPatch) -> 
 
 def test_lost_scout_reward_for_turning_back() -> None:
     right, left = torch.tensor([0.0, 1.0]), torch.tensor([0.0, -1.0])
-    edge_pct = EDGES[SensorKind.COLOR].edge_pct
+    edge_pct = LINE_EDGES[SensorKind.COLOR].edge_pct
     floor, line, edge = (torch.tensor([brightness, 0.0]) for brightness in (71.0, 5.0, edge_pct))
     assert [LINE_FOLLOW.reward(edge, right, seen).item() for seen in (floor, line, edge)] == [
         -0.25,

@@ -10,6 +10,7 @@ import torch
 from torch import Tensor
 
 from brickhub.errors import DescriptionError
+from brickhub.robot.line_edge import LineEdge
 from bricksrl.envs.tasks import line_follow, park, robo_arm, run_away, spinning, walker
 from bricksrl.envs.tasks.walker_forward import forward_task
 
@@ -241,11 +242,12 @@ def test_a_robot_arm_reaches_its_goal_under_the_threshold() -> None:
             robo_arm.robo_arm("Arm-v0", threshold_deg=degrees)
 
 
-EDGE = line_follow.Edge(10.0, 70.0)
+LINE_EDGE = LineEdge(10.0, 70.0)
+EDGE = line_follow.FollowedEdge(LINE_EDGE)
 
 
 def test_a_line_is_lost_where_only_it_or_the_floor_is_seen() -> None:
-    assert (EDGE.edge_pct, EDGE.bare_pct) == (40.0, 28.0)
+    assert (LINE_EDGE.edge_pct, LINE_EDGE.bare_pct) == (40.0, 28.0)
     seen = torch.tensor([[40.0], [54.0], [26.0], [68.0], [12.0], [80.0]])
     ahead, right = torch.tensor([[1.0, 0.0]] * 6), torch.tensor([[1.0, 1.0]] * 6)
     straight = EDGE.reward(seen, ahead, seen)[:, 0].tolist()

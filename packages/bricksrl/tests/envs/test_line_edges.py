@@ -9,10 +9,11 @@ import pytest
 import torch
 
 from brickhub.robot import HubKind, Sense, SensorKind
+from brickhub.robot.line_edge import LINE_EDGES
 from brickhub.virtual.bench_body import FittedBench
 from brickhub.virtual.run import run_file
 from bricksrl.envs.registry import get_task
-from bricksrl.envs.tasks.line_follow import EDGES, LINE_FOLLOW
+from bricksrl.envs.tasks.line_follow import LINE_FOLLOW
 from bricksrl.envs.tasks.scripted import controller_of
 from bricktwin.robots.planned import plan_file
 
@@ -25,7 +26,7 @@ LIGHT_PCT = {"line": 8.0, "floor": 82.0}
 """Light that line and floor reflect."""
 
 
-@pytest.mark.parametrize("kind", EDGES)
+@pytest.mark.parametrize("kind", LINE_EDGES)
 def test_readings_are_those_of_the_virtual_sensor(kind: SensorKind, tmp_path: Path) -> None:
     model = kind.model
     is_ev3 = model.module == "ev3devices"
@@ -40,7 +41,7 @@ def test_readings_are_those_of_the_virtual_sensor(kind: SensorKind, tmp_path: Pa
         out = io.BytesIO()
         assert run_file(program, bench, stdout=out) == 0
         read[name] = float(out.getvalue())
-    assert read == {"line": EDGES[kind].line_pct, "floor": EDGES[kind].floor_pct}
+    assert read == {"line": LINE_EDGES[kind].line_pct, "floor": LINE_EDGES[kind].floor_pct}
 
 
 def test_ev3_gets_its_reward_on_the_edge_that_its_sensor_sees() -> None:

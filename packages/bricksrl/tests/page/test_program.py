@@ -23,8 +23,9 @@ from bricksrl.page.program import ProgramPage
 from bricksrl.page.robot_view import panel_of
 from bricksrl.page.server import PageOptions
 from bricktwin.robots import TWO_WHEELER
-from bricktwin.twin.arena import Arena, ArenaWorld, Contestant, Place
+from bricktwin.twin.arena import Arena, Contestant, Place
 from bricktwin.twin.make_body import make_body
+from bricktwin.twin.mujoco_arena import ArenaWorld
 
 PROGRAM = """
 from pybricks.hubs import TechnicHub

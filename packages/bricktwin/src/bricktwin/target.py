@@ -1,15 +1,17 @@
 """Targets with a body: our robots, robots in the user's files, and building plans."""
 
+from __future__ import annotations
+
 import os
 import re
-from collections.abc import Container
+from collections.abc import Container, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from brickhub.errors import DescriptionError, TwinError, UnknownNameError, hint
-from brickhub.robot import Robot
+from brickhub.robot import BENCH, Robot
 from brickhub.target import Target, find_in_files, whole_interface
 from brickhub.user_files import (
     is_reference,
@@ -24,9 +26,12 @@ from bricktwin.robots.as_drawn import robot_as_drawn
 from bricktwin.robots.planned import completed, is_plan
 from bricktwin.twin.floor_picture import read_picture
 from bricktwin.twin.make_body import lies_on_bench, make_body
-from bricktwin.twin.scene import Scene
+from bricktwin.twin.scene import OPEN_FLOOR, Scene
 from bricktwin.worlds import WORLDS, world
 from bricktwin.worlds.games import TABLE_MM, table
+
+if TYPE_CHECKING:
+    from bricktwin.twin.mujoco_arena import ArenaWorld
 
 _PICTURES = (".png", ".jpg", ".jpeg", ".gif", ".bmp", ".webp")
 _TABLE = "fll"
@@ -66,6 +71,7 @@ def _in_scene(target: Target, reference: str) -> Target:
             make_body=make_in_scene,
             scene=scene,
             note=note if others else "",
+            share_world=shared_world,
         )
     # Several robots are offered and none is the default, so the message tells how to name one.
     note = ""
@@ -75,7 +81,12 @@ def _in_scene(target: Target, reference: str) -> Target:
         if not named:
             remedy = f"give one a name, MAT = {first}, and name it: --scene {file}:MAT"
         note = f"{file} has scenes {', '.join(scenes)}, and none is taken; {remedy}"
-    return replace(target, make_body=partial(make_body, target.robot), note=note)
+    return replace(
+        target,
+        make_body=partial(make_body, target.robot),
+        note=note,
+        share_world=shared_world,
+    )
 
 
 def load_scene(reference: str) -> Scene:
@@ -178,4 +189,44 @@ def with_body(robot: Robot) -> Target:
         robot,
         whole_interface(robot),
         partial(make_body, robot),
+        share_world=shared_world,
+    )
+
+
+def shared_world(named: Sequence[tuple[str, Target]]) -> ArenaWorld:
+    """The world that robots share: they stand side by side on an open floor, and look ahead.
+
+    Args:
+        named: targets, each with the name that a person gave.
+
+    Raises:
+        DescriptionError: one is a bench, or has surroundings of its own.
+        TwinError: a robot has no model, or they have too many motors.
+    """
+    # A program without a world needs no physics.
+    import numpy as np
+
+    from bricktwin.twin.arena import side_by_side
+    from bricktwin.twin.mujoco_arena import ArenaWorld
+
+    for name, target in named:
+        if target.robot is BENCH:
+            raise DescriptionError(
+                "a bench has no body to share a world with robots; name robots alone, or no robot"
+            )
+        if target.scene not in (None, OPEN_FLOOR):
+            raise DescriptionError(_has_surroundings(name, target.robot))
+    world = ArenaWorld(side_by_side([target.robot for _, target in named]))
+    world.place(np.random.default_rng(0))
+    return world
+
+
+def _has_surroundings(name: str, robot: Robot) -> str:
+    """The message for a robot whose surroundings several robots would not share."""
+    # An environment's robot has a name of its own; a file's scene can only go elsewhere.
+    remedy = "take the scene out of the file"
+    if robot in robots.ROBOTS.values():
+        remedy = f"name its robot alone: {robot.name}"
+    return (
+        f"{name} has surroundings, and robots that share a world stand on an open floor; {remedy}"
     )

@@ -6,10 +6,14 @@ from __future__ import annotations
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 import bricktwin as package
+from brickhub.pytest_plugin import PybricksHub
+from bricktwin.robots import TWO_WHEELER
+from bricktwin.twin.make_body import make_body
 
 PLAN = Path(__file__).parents[4] / "examples" / "13_front_steered.ldr"
 COMMANDS = ("run", "plan check", "plan parts", "plan steps", "twin record", "twin fit")
@@ -277,7 +281,7 @@ def test_robots_of_several_programs_share_a_world(bricktwin, fails, tmp_path: Pa
     ahead, back = (line.removeprefix("controller: ").split() for line in done.out.splitlines())
     assert 200 < int(ahead[0]) < 300 and int(back[0]) < int(ahead[0])
     assert -55 < int(ahead[1]) < -45, "half a metre apart, and more"
-    fails("run", *files, "--robot", "scout", says="there are 2 programs and 1 robots")
+    fails("run", *files, "--robot", "scout", says="there are 2 programs and 1 robot;")
     fails("run", *files, "--robot", "robo-arm", "--robot", "scout", says="stands on a fixed base")
     fails("run", files[0], *robots, says="--robot is named 2 times for one program")
     fails("run", *files, *robots, "--scene", "maze", says="several hubs have no --scene")
@@ -291,3 +295,49 @@ def test_surroundings_of_a_robot_are_not_dropped_where_several_share_a_world(
     robots = ("--robot", "scout", "--robot", str(rover))
     says = f"{rover} has surroundings, and robots that share a world stand on an open floor"
     fails("run", str(program), str(program), *robots, says=says)
+
+
+OWN = """
+from brickhub.virtual.own_devices import OwnDevice, OwnMode, OwnUart
+
+def compass(robot):
+    read = lambda _: [round(robot.x_mm()), round(robot.y_mm()), round(robot.heading_deg())]
+    return OwnDevice(201, (OwnMode("PLACE", read, 3),))
+
+def echo(robot):
+    return OwnUart(lambda written, time_s: written.upper())
+"""
+MEASURED = """
+from pybricks.iodevices import PUPDevice, UARTDevice
+from pybricks.parameters import Direction, Port
+from pybricks.pupdevices import Motor
+from pybricks.robotics import DriveBase
+from pybricks.tools import wait
+place, uart = PUPDevice(Port.F), UARTDevice(Port.D, 9600)
+base = DriveBase(Motor(Port.E, Direction.COUNTERCLOCKWISE), Motor(Port.A), 56, 130)
+base.straight(200)
+base.turn(90)
+x, y, heading = place.read(0)
+print(abs(x - 200) < 15, abs(y) < 15, abs(heading - 90) < 5)
+uart.write(b"hello")
+wait(50)
+print(uart.read(5))
+"""
+
+
+def test_devices_of_ones_own_measure_a_robot_with_a_body(
+    bricktwin, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, pybricks_hub: PybricksHub
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("own.py").write_text(OWN)
+    Path("main.py").write_text(MEASURED)
+    ports = ("--port", "F=own.py:compass", "--port", "D=own.py:echo")
+    expected = "True True True\nb'HELLO'\n"
+    assert bricktwin("run", "main.py", "--robot", "two-wheeler", *ports) == (0, expected, "")
+    names: dict[str, Any] = {}
+    exec(OWN, names)  # noqa: S102  our own text
+    devices = {"F": names["compass"], "D": names["echo"]}
+    # The same in a test, of a robot by its name and of a body.
+    for robot in ("two-wheeler", make_body(TWO_WHEELER)):
+        run = pybricks_hub.run(MEASURED, robot=robot, own_devices=devices)
+        assert (run.output, run.errors) == (expected, "")

@@ -9,6 +9,16 @@ if TYPE_CHECKING:
 
 ENDED = "#state.finished, #state.error, #state.stopped, #state.failed"
 
+HEAD = "from pybricks.tools import wait\n"
+ENDLESS = [
+    "while True:\n    pass\n",
+    "while True:\n    print('on and on')\n",
+    HEAD + "wait(1000000)\n",
+    "x = 0\nfor i in range(10 ** 9):\n    x = i\n",
+    "while True:\n    try:\n        wait(1)\n    except BaseException:\n        pass\n",
+]
+"""Programs that only a stop ends."""
+
 
 def open_program(page: Page, source: str, name: str = "main.py") -> str:
     """Open a program as a file; returns the name that it has in the page."""
@@ -34,3 +44,23 @@ def run_program(page: Page, source: str, name: str = "main.py") -> tuple[str, st
     page.click("#run")
     page.wait_for_selector(ENDED)
     return shown_name, page.text_content("#console") or "", page.text_content("#state") or ""
+
+
+def stopped_after_s(page: Page, source: str) -> float:
+    """Seconds from the press of Stop to the end of a program that has none."""
+    open_program(page, source)
+    page.select_option("#rate", "1")
+    page.click("#run")
+    page.wait_for_selector("#state.running")
+    page.wait_for_timeout(500)
+    took_ms = page.evaluate(
+        """async () => {
+            const state = document.querySelector("#state"), start = performance.now();
+            document.querySelector("#stop").click();
+            while (state.textContent === "running") await new Promise(requestAnimationFrame);
+            return performance.now() - start;
+        }"""
+    )
+    assert page.text_content("#state") == "stopped"
+    assert (page.text_content("#console") or "").endswith("was stopped (SystemExit).\n")
+    return float(took_ms) / 1000

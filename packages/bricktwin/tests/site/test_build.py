@@ -45,9 +45,14 @@ def test_another_archive_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPa
 
 
 def test_examples_have_a_title_and_run_on_the_bench() -> None:
-    for program in build.programs(None):
+    examples = build.programs(None)
+    partners = {program["name"]: program["partner"] for program in examples}
+    for program in examples:
         assert program["title"] != program["name"]
         assert re.fullmatch(r"[a-z_]+\.py", program["name"])
+        # Of two hubs' programs each names the other.
+        partner = program["partner"]
+        assert not partner or partners[partner] == program["name"]
 
 
 def test_policies_are_offered(tmp_path: Path) -> None:
@@ -58,6 +63,7 @@ def test_policies_are_offered(tmp_path: Path) -> None:
         "source": "# A gait\n# Robot: walker\n",
         "robot": "walker",
         "world": "",
+        "partner": "",
     }
 
 

@@ -23,7 +23,7 @@ from bricktwin.site.tab.hub_lessons import (
     stop_at_wall,
     walk_to_wall,
 )
-from bricktwin.site.tab.lessons import EDGE_PCT, GAP_MM, Record, nearness
+from bricktwin.site.tab.lessons import GAP_MM, Record, nearness
 from bricktwin.site.tab.mailbox_loop import MailboxRunner
 from bricktwin.site.tab.web_port import WebPort
 
@@ -64,8 +64,8 @@ def test_a_robot_gets_back_by_itself_if_it_can_and_sees_something() -> None:
 
 
 def test_along_a_line_a_trial_begins_at_its_edge() -> None:
-    edge = AtEdge(reflection=1)
-    seen = [edge.is_there((0.0, EDGE_PCT + off), None) for off in (0, 24.9, 25.0, -24.9, -25.0)]
+    edge = AtEdge(reflection=1, edge_pct=45.0)
+    seen = [edge.is_there((0.0, 45.0 + off), None) for off in (0, 24.9, 25.0, -24.9, -25.0)]
     assert seen == [True, True, False, True, False]
     assert edge.asked((0.0, 12.6)) == {"reflection_pct": 13}
     assert edge.way_from((0.0, 0.0)) is None

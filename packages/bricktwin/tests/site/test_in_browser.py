@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
-from in_page import ENDED, open_program, run_program
+from in_page import ENDED, ENDLESS, open_program, run_program, stopped_after_s
 
 from brickhub.virtual.run import run_file
 
@@ -99,6 +99,13 @@ def test_a_program_too_much_for_python_leaves_the_page_usable(page: Page) -> Non
     assert state in ("error", "failed")
     page.wait_for_selector("#state.ready, #state.error")
     assert run_program(page, "print('still here')\n")[1] == "still here\n"
+
+
+@pytest.mark.parametrize("source", ENDLESS)
+def test_stop_ends_a_program_without_end(page: Page, source: str) -> None:
+    # The limit is that of a computer whose cores run other tests; `test_stop_in_browser.py` has
+    # the true one.
+    assert stopped_after_s(page, source) < 1.0
 
 
 def test_a_sensor_is_set_while_the_program_runs(page: Page) -> None:

@@ -16,6 +16,7 @@ from brickhub.hub.transports.profile import Status
 from brickhub.robot import Robot
 from brickhub.virtual.body import Body
 from bricktwin.robots import SCOUT, TWO_WHEELER, WALKER
+from bricktwin.robots.as_drawn import robot_as_drawn
 from bricktwin.site.tab import hub_lessons, lessons, real_hub, run
 from bricktwin.site.tab.hub_lessons import HUB_LESSONS, approach_speed
 from bricktwin.site.tab.plain_values import plain
@@ -26,6 +27,7 @@ from bricktwin.twin.scene import Scene
 from bricktwin.worlds import world
 
 pytestmark = pytest.mark.realtime
+EXAMPLES = Path(__file__).parents[4] / "examples"
 
 WAIT = "from pybricks.tools import wait\n"
 DRIVE = (
@@ -224,6 +226,40 @@ def test_a_robot_that_has_lost_its_line_is_put_back(scout: Tab) -> None:
     (trial,) = scout.page.of("trial")
     assert 0 < trial["score"] < 60
     assert asked[0]["reflection_pct"] > 65 or asked[0]["reflection_pct"] < 10
+
+
+@pytest.fixture
+def balancer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Tab]:
+    """A robot on two wheels, held upright until its motors turn; its tries take two seconds."""
+    monkeypatch.setattr(lessons, "_UPRIGHT_STEPS", 100)
+    robot = robot_as_drawn(EXAMPLES / "drawings" / "balancer.ldr").robot
+    body = make_body(robot, scene=Scene(held_deg=(1.0, 1.0)))
+    yield from opened(tmp_path, monkeypatch, robot, body)
+
+
+STANDS = (0.0, 25.0, 0.05, 0.02, 0.015)
+FALLS = (0.0, 2.0, 0.0, 0.02, 0.015)
+
+
+@pytest.mark.parametrize("numbers", [STANDS, FALLS])
+def test_a_hand_holds_a_robot_before_each_try_to_keep_upright(
+    balancer: Tab, numbers: tuple[float, ...]
+) -> None:
+    asked: list[dict[str, Any]] = []
+
+    def answer(event: dict[str, Any]) -> None:
+        if event["kind"] == "place":
+            asked.append(event)
+            balancer.press("stop" if len(asked) == 2 else "go on")
+
+    balancer.page.on_event = answer
+    # After the first try it is asked for again, whether it stands or lies.
+    assert balancer.teach(2, "upright", numbers) == STOPPED_EXIT_CODE
+    (tried,) = balancer.page.of("trial")
+    assert tried["fell"] is (numbers is FALLS)
+    assert (tried["score"] > 80.0) is (numbers is STANDS)
+    assert abs(asked[0]["pitch_deg"]) <= 2
+    assert not balancer.hub.is_driven
 
 
 def test_speed_is_known_though_the_sensor_now_and_then_sees_nothing() -> None:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from brickhub.robot import Robot
 from bricktwin.robots import CART, EV3_DRIVER, ROBO_ARM, SCOUT, TWO_WHEELER, WALKER
 from bricktwin.robots.as_drawn import robot_as_drawn
 from bricktwin.site.tab import lessons, trial
@@ -126,8 +127,18 @@ def test_who_can_learn_what() -> None:
     # It has no color sensor; and the devices of kits run no program of a hub.
     assert lesson_for(TWO_WHEELER, "line-sharp") is None
     assert lesson_for(CART, "line-sharp") is None
-    # Its color sensor reads other numbers on the edge.
-    assert lesson_for(EV3_DRIVER, "line-sharp") is None
+    assert lesson_for(EV3_DRIVER, "line-sharp") is not None
+
+
+@pytest.mark.parametrize(("robot", "edge_pct"), [(SCOUT, 38), (EV3_DRIVER, 45)])
+def test_a_robot_follows_the_edge_that_its_own_sensor_reads(robot: Robot, edge_pct: int) -> None:
+    page = TaughtPage()
+    body = make_body(robot, scene=world("line-simple"))
+    teach(page, 1, body, goal="follow", numbers=(100.0, 0.5))
+    (tried,) = page.trials
+    assert f"follow_edge(observed[0], {edge_pct}, " in str(tried["source"])
+    # Of 100 mm/s; where the other robot sees its edge, it would get half of them.
+    assert tried["score"] > 60.0
 
 
 @pytest.mark.parametrize(("gain", "stands"), [(25.0, True), (2.0, False)])
@@ -177,11 +188,12 @@ def test_it_learns_to_stop_at_the_wall_and_does_not_repeat_itself(seed: int) -> 
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("robot", [SCOUT, EV3_DRIVER])
 @pytest.mark.parametrize("seed", range(1, 5))
-def test_it_learns_to_follow_a_line_faster_than_the_example(seed: int) -> None:
+def test_it_learns_to_follow_a_line_faster_than_the_example(seed: int, robot: Robot) -> None:
     """140 seconds of the robot."""
     page = TaughtPage()
-    body = make_body(SCOUT, scene=world("line-simple"))
+    body = make_body(robot, scene=world("line-simple"))
     teach(page, 35, body, goal="follow", seed=seed)
     teach(page, 1, body, goal="follow", numbers=(120.0, 1.2))
     *scores, example = (float(str(one["score"])) for one in page.trials)

@@ -13,7 +13,8 @@ from brickhub.hub.link.lockstep import HubLink
 from brickhub.target import whole_interface
 from brickhub.virtual.virtual_transport import VirtualHub
 from bricktwin.robots import SCOUT, TWO_WHEELER
-from bricktwin.twin.arena import Arena, ArenaWorld, Contestant, Place
+from bricktwin.twin.arena import Arena, Contestant, Place
+from bricktwin.twin.mujoco_arena import ArenaWorld
 from bricktwin.twin.scene import OPEN_FLOOR
 
 APART = Arena(

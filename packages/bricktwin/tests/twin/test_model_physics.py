@@ -13,10 +13,11 @@ import pytest
 from brickhub.errors import TwinError
 from brickhub.robot import Robot
 from bricktwin.robots import ROBO_ARM, TWO_WHEELER, WALKER
-from bricktwin.twin.arena import Arena, ArenaWorld, Contestant, Place
+from bricktwin.twin.arena import Arena, Contestant, Place
 from bricktwin.twin.model_physics import SIDE_LOAD_OFFSET_M
 from bricktwin.twin.models.load import load_model
 from bricktwin.twin.models.motors import motor_constants
+from bricktwin.twin.mujoco_arena import ArenaWorld
 from bricktwin.twin.mujoco_body import MujocoBody
 from bricktwin.twin.physics import Physics, RandomPhysics
 from bricktwin.twin.scene import OPEN_FLOOR, Scene

@@ -202,17 +202,19 @@ REMEMBERS = """    seen = light.reflection()
     if seen < 70:
         lost = watch.time()
         way += 0.05 * (hub.imu.heading() - way)
-    if 0 < watch.time() - lost < 950:
-        base.drive(SPEED, 4 * (way - 8 - hub.imu.heading()))
+    if 0 < watch.time() - lost < 1200:
+        base.drive(SPEED, 4 * (way - 4 - hub.imu.heading()))
     else:
         base.drive(SPEED, GAIN * (seen - EDGE))
 """
 
 
 def test_gaps_need_a_follower_that_goes_on(tmp_path: Path) -> None:
-    """In a gap it keeps its heading, a little to the side where it then finds the edge."""
+    """In a gap it keeps its heading, a little to the side where it then finds the edge. From 40
+    starts of the noise it misses no point by more than 16 mm; a faster one that turns more to the
+    side loses the line from every fourth."""
     line = "    base.drive(SPEED, GAIN * (light.reflection() - EDGE))\n"
-    program = follower(100, 28).replace(line, REMEMBERS)
+    program = follower(80, 35).replace(line, REMEMBERS)
     start = "hub, lost, way = PrimeHub(), 0, 0\nwhile"
     program = "from pybricks.hubs import PrimeHub\n" + program.replace("while", start)
     until = lines.SIMPLE_MM.index((-300.0, -800.0)) + 1

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, BinaryIO, ClassVar, TextIO, cast
 from tyro.conf import Positional, UseAppendAction
 
 from brickhub.cli.terminal import Interrupted, print_note
-from brickhub.errors import DescriptionError
+from brickhub.errors import DescriptionError, counted
 from brickhub.options import Existing, Faults, Flag, changed_options, option
 from brickhub.robot.hardware import USUAL_HUB_NAME
 from brickhub.user_files import check_there
@@ -179,8 +179,8 @@ class Run:
         paths = (self.file, *self.others)
         if self.robot and len(self.robot) != len(paths):
             raise DescriptionError(
-                f"there are {len(paths)} programs and {len(self.robot)} robots; name a robot for "
-                "each program, in their order, or none"
+                f"there are {len(paths)} programs and {counted(len(self.robot), 'robot')}; name a "
+                "robot for each program, in their order, or none"
             )
         operation = Operation(realtime=self.realtime, firmware=self.firmware)
         with ExitStack() as stack:
@@ -213,9 +213,9 @@ class Run:
 
     def distance_m(self, one: int, other: int) -> float:
         """Distance of two hubs of several, by number."""
-        from brickhub.virtual.room import DISTANCE_M
+        from brickhub.virtual.room import on_benches_m
 
-        return DISTANCE_M
+        return on_benches_m(one, other)
 
     def attend_in_room(self) -> Callable[[Machine], None] | None:
         """Function that gets each of several virtual hubs before its program begins."""

@@ -30,6 +30,8 @@ _AT_ONE_METRE_DBM = -55.0
 _LOST = 0.05
 """Share of messages that are lost."""
 _NEAREST_M = 0.05
+DISTANCE_M = 0.5
+"""Distance of two hubs on a bench."""
 
 
 @dataclass
@@ -58,11 +60,15 @@ class Antenna:
         heard: by channel; a hub hears the channels that it observes.
         changes: what it broadcasts from a time (ms) on: channel and message; ``None`` for nothing.
         is_in_air: whether others could hear it; alone, it keeps its last change only.
+        current: channel and message that it broadcasts now; ``None`` for nothing.
+        busy_until_ms: when a task can change that again.
     """
 
     heard: dict[int, Heard] = field(default_factory=dict)
     changes: list[tuple[int, int, Message | None]] = field(default_factory=list)
     is_in_air: bool = False
+    current: tuple[int, Message] | None = None
+    busy_until_ms: int = 0
 
     def observe(self, channels: Sequence[int]) -> None:
         """Listen to these channels."""
@@ -70,6 +76,7 @@ class Antenna:
 
     def broadcast(self, time_ms: int, channel: int, message: Message | None) -> None:
         """Broadcast a message from now on, or nothing."""
+        self.current = None if message is None else (channel, message)
         if not self.is_in_air:
             self.changes.clear()
         self.changes.append((time_ms, channel, message))

@@ -161,6 +161,9 @@ class BenchBody:
     def rotation_deg(self) -> tuple[float, float, float]:
         return 0.0, 0.0, -self.heading_deg()
 
+    def true_place(self) -> tuple[float, float, float]:
+        return 0.0, 0.0, self.heading_deg()
+
 
 def _place(error: Exception, reading: Reading) -> tuple[str, int]:
     """File and line of a scene's reading at which it raised an error."""

@@ -71,3 +71,7 @@ class Body(Protocol):
 
     def rotation_deg(self) -> tuple[float, float, float]:
         """Angular velocity in the hub's frame, integrated since the start."""
+
+    def true_place(self) -> tuple[float, float, float]:
+        """Where the robot is, without any noise: x and y in mm, and its heading in deg, clockwise
+        positive. A bench stays at 0, 0."""

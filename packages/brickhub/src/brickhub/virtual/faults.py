@@ -435,6 +435,9 @@ class FaultyBody:
     def rotation_deg(self) -> tuple[float, float, float]:
         return self.sound.rotation_deg()
 
+    def true_place(self) -> tuple[float, float, float]:
+        return self.sound.true_place()
+
 
 class BreakingLink:
     """Whether the hub of a faulty body is in reach: not for the first calls after its link breaks,

@@ -7,7 +7,11 @@ A file of yours, such as ``my_device.py``::
 
     GAUGE = OwnDevice(id=200, modes=(OwnMode("LEVEL", lambda time_s: [round(10 * time_s)]),))
 
-is plugged in with ``brickhub run main.py --port A=my_device.py:GAUGE``.
+is plugged in with ``brickhub run main.py --port A=my_device.py:GAUGE``. A device that measures the
+robot is a function instead, which gets the robot::
+
+    def compass(robot):
+        return OwnDevice(201, (OwnMode("NORTH", lambda time_s: [round(robot.heading_deg())]),))
 """
 
 from __future__ import annotations
@@ -17,6 +21,8 @@ from dataclasses import dataclass
 from typing import TypeVar
 
 from brickhub.errors import DescriptionError
+from brickhub.user_lines import line_of_user
+from brickhub.virtual.body import Body
 
 _BITS = (8, 16, 32)
 _MAX_VALUES = 32
@@ -24,6 +30,7 @@ _MAX_VALUES = 32
 _MAX_MODES = 16
 _MAX_NAME = 11
 _LAST_ADDRESS = 127
+_LAST_ID = 255
 
 Read = Callable[[float], Sequence[int]]
 """Values of a mode at a simulated time in s."""
@@ -44,17 +51,71 @@ class AnyOwnDevice:
     """Device of the user's own, of any kind."""
 
 
+class TrueRobot:
+    """A robot as it truly is, for devices that measure it: no noise, no range.
+
+    Args:
+        body: of the robot, on the bench or in a world.
+    """
+
+    def __init__(self, body: Body) -> None:
+        self._body = body
+
+    def angle_deg(self, port: str) -> float:
+        """Angle of the shaft of the motor on a port, clockwise positive, before its direction and
+        gears. Raises DescriptionError if there is no motor."""
+        try:
+            return self._body.angle_mdeg(port) / 1000
+        except KeyError:
+            raise DescriptionError(
+                f"port {port} of '{self._body.robot.name}' has no motor whose angle a device of "
+                "yours could tell; name another port"
+            ) from None
+
+    def x_mm(self) -> float:
+        """Place on the floor, along the robot's first direction; 0 on a bench."""
+        return self._body.true_place()[0]
+
+    def y_mm(self) -> float:
+        """Place on the floor, to the left of it; 0 on a bench."""
+        return self._body.true_place()[1]
+
+    def heading_deg(self) -> float:
+        """Angle by which the robot has turned, clockwise positive, not wrapped; on a bench, by
+        which its wheels have turned it."""
+        return self._body.true_place()[2]
+
+
+OwnDeviceOf = Callable[[TrueRobot], AnyOwnDevice]
+"""Function that makes a device for a robot."""
+
 T = TypeVar("T")
 
 
+def own_device_of(device: AnyOwnDevice | OwnDeviceOf, body: Body) -> AnyOwnDevice:
+    """A device, or what a function makes for a robot. Raises DescriptionError if the function
+    raises, or makes something else."""
+    if isinstance(device, AnyOwnDevice):
+        return device
+    make = device
+    name = getattr(make, "__name__", "a device")
+    made = _answered(name, lambda: make(TrueRobot(body)))
+    if not isinstance(made, AnyOwnDevice):
+        raise DescriptionError(
+            f"the function {name} returned {made!r}; return an OwnDevice, OwnUart or OwnI2c"
+        )
+    return made
+
+
 def _answered(name: str, ask: Callable[[], T]) -> T:
-    """Answer of a function of the user's. Raises DescriptionError if it raises."""
+    """Answer of a function of the user's. Raises DescriptionError, with the line, if it raises."""
     try:
         return ask()
+    except DescriptionError:
+        raise
     except Exception as error:
-        raise DescriptionError(
-            f"the function of {name} failed ({type(error).__name__}: {error}); correct it"
-        ) from error
+        what = f"{type(error).__name__}: {error}{line_of_user(error)}"
+        raise DescriptionError(f"the function of {name} failed ({what}); correct it") from error
 
 
 @dataclass(frozen=True)
@@ -112,11 +173,11 @@ class OwnMode:
 
 @dataclass(frozen=True)
 class OwnDevice(AnyOwnDevice):
-    """A Powered Up device, for `PUPDevice`. Raises DescriptionError without modes, or with too
-    many.
+    """A Powered Up device, for `PUPDevice`. Raises DescriptionError without modes, with too many,
+    or if the id is out of range.
 
     Attributes:
-        id: number of its kind, as `PUPDevice.info()` tells it.
+        id: number of its kind, 0 to 255, as `PUPDevice.info()` tells it.
         modes: by number.
     """
 
@@ -127,6 +188,10 @@ class OwnDevice(AnyOwnDevice):
         if not 1 <= len(self.modes) <= _MAX_MODES:
             raise DescriptionError(
                 f"a device of {len(self.modes)} modes; give it 1 to {_MAX_MODES}"
+            )
+        if type(self.id) is not int or not 0 <= self.id <= _LAST_ID:
+            raise DescriptionError(
+                f"a device with the id {self.id!r}; give a whole number from 0 to {_LAST_ID}"
             )
 
 

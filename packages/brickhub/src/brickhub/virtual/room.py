@@ -16,16 +16,12 @@ from typing import Any, BinaryIO, TextIO, cast
 from greenlet import getcurrent, greenlet
 
 from brickhub.errors import TwinError
-from brickhub.virtual.air import Air
+from brickhub.hub.program.marked import Marked, names_of
+from brickhub.virtual.air import DISTANCE_M, Air
 from brickhub.virtual.body import Body
 from brickhub.virtual.machine import CONTROL_LOOP_MS, Machine
 from brickhub.virtual.micropython.exceptions import HostStop
 from brickhub.virtual.run import Operation, run_file
-
-DISTANCE_M = 0.5
-"""Distance of two hubs on a bench."""
-
-AnyText = str | bytes
 
 
 @dataclass(frozen=True)
@@ -45,6 +41,11 @@ class HubProgramFile:
     operation: Operation = field(default_factory=Operation)
     stdout: BinaryIO | None = None
     stderr: TextIO | None = None
+
+
+def on_benches_m(_one: int, _other: int) -> float:
+    """Distance of two hubs that have a bench each."""
+    return DISTANCE_M
 
 
 class Room:
@@ -69,7 +70,7 @@ class Room:
         stdout: BinaryIO,
         stderr: TextIO,
         time_limit_s: float | None = None,
-        distance_m: Callable[[int, int], float] = lambda _one, _other: DISTANCE_M,
+        distance_m: Callable[[int, int], float] = on_benches_m,
         seed: int = 0,
     ) -> None:
         if not programs:
@@ -77,11 +78,11 @@ class Room:
         self.machines: dict[int, Machine] = {}
         self._distance_m = distance_m
         self._seed = seed
-        names = _names([program.path for program in programs])
+        names = names_of([program.path for program in programs])
         self._hubs = []
         for number, (program, name) in enumerate(zip(programs, names, strict=True)):
-            out = program.stdout or _Marked(stdout, f"{name}: ".encode(), b"\n")
-            err = program.stderr or _Marked(stderr, f"{name}: ", "\n")
+            out = program.stdout or Marked(stdout, f"{name}: ".encode(), b"\n")
+            err = program.stderr or Marked(stderr, f"{name}: ", "\n")
             attend = self._attend(number, program.operation)
             self._hubs.append(
                 _Hub(
@@ -159,8 +160,8 @@ class _Hub:
     def __init__(
         self,
         program: HubProgramFile,
-        stdout: BinaryIO | _Marked,
-        stderr: TextIO | _Marked,
+        stdout: BinaryIO | Marked,
+        stderr: TextIO | Marked,
         time_limit_s: float | None,
     ) -> None:
         self._program = program
@@ -190,7 +191,7 @@ class _Hub:
             self.code = 1
         finally:
             for stream in (self._stdout, self._stderr):
-                if isinstance(stream, _Marked):
+                if isinstance(stream, Marked):
                     stream.end()
 
     def resume(self) -> None:
@@ -227,53 +228,3 @@ class _Hub:
         if self.code is None and self._greenlet:
             self._greenlet.parent = getcurrent()
             self._greenlet.throw(_RoomEnded)
-
-
-class _Marked:
-    """Stream of text or of bytes whose lines begin with a mark.
-
-    Args:
-        out: binary or text stream; mark and line end are of its kind.
-        mark: begins each line.
-        line_end: ends each line.
-    """
-
-    def __init__(self, out: Any, mark: AnyText, line_end: AnyText) -> None:
-        self._out = out
-        self._mark: Any = mark
-        self._line_end: Any = line_end
-        self._pieces: list[Any] = []
-
-    def write(self, data: Any, /) -> int:
-        """Take output; a line is written when it has ended."""
-        *ended, rest = data.split(self._line_end)
-        for piece in ended:
-            self._pieces.append(piece)
-            self._write_line()
-        if rest:
-            self._pieces.append(rest)
-        return len(data)
-
-    def _write_line(self) -> None:
-        for piece in (self._mark, *self._pieces, self._line_end):
-            self._out.write(piece)
-        self._pieces.clear()
-
-    def flush(self) -> None:
-        """Hand on what the stream keeps, but for a line that has not ended."""
-        self._out.flush()
-
-    def end(self) -> None:
-        """Write a last line that has no end."""
-        if self._pieces:
-            self._write_line()
-        self.flush()
-
-
-def _names(paths: Sequence[Path]) -> list[str]:
-    """Short names of programs; those of one name get their number."""
-    stems = [path.stem for path in paths]
-    names = []
-    for number, stem in enumerate(stems, 1):
-        names.append(f"{stem} {number}" if stems.count(stem) > 1 else stem)
-    return names

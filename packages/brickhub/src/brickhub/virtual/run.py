@@ -42,7 +42,7 @@ from brickhub.virtual.micropython.exceptions import (
     is_program_error,
 )
 from brickhub.virtual.micropython.text import format_traceback
-from brickhub.virtual.own_devices import AnyOwnDevice
+from brickhub.virtual.own_devices import AnyOwnDevice, OwnDeviceOf, OwnI2c, own_device_of
 from brickhub.virtual.panel import WIRELESS, Panel, Press
 from brickhub.virtual.pybricks import modules
 
@@ -100,6 +100,11 @@ class StreamConsole:
 
     def read(self, n: int) -> bytes:
         if n > self.available():
+            if self._stdin is None:
+                raise EOFError(
+                    "the program waits for input, and gets none here; several hubs in a room have "
+                    "none, so run it alone, or give it what it asks for by radio"
+                )
             raise EOFError("the program waits for input, and there is no more")
         start = self._position
         self._position += n
@@ -148,7 +153,8 @@ class Operation:
         end_stops: lowest and highest angle (deg) of motors on the bench, by port.
         starts: angle (deg) at which motors on the bench stand at first, by port.
         devices: motors and sensors on the bench, by port; ``None`` for nothing.
-        own_devices: devices of the user's own, by port, also of a robot with a body.
+        own_devices: devices of the user's own, by port, also of a robot with a body; or functions
+            that make one for the robot.
         hub_name: what the hub is called.
         storage: file with what the hub's programs have stored, written anew at the end; ``None``
             for a hub that forgets it.
@@ -164,7 +170,7 @@ class Operation:
     end_stops: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     starts: Mapping[str, float] = field(default_factory=dict)
     devices: Mapping[str, MotorKind | SensorKind | None] = field(default_factory=dict)
-    own_devices: Mapping[str, AnyOwnDevice] = field(default_factory=dict)
+    own_devices: Mapping[str, AnyOwnDevice | OwnDeviceOf] = field(default_factory=dict)
     hub_name: str = USUAL_HUB_NAME
     storage: Path | None = None
     realtime: bool = False
@@ -265,9 +271,9 @@ def run_file(
             write_durably(operation.storage, bytes(machine.storage))
 
 
-def _plug_in(machine: Machine, devices: Mapping[str, AnyOwnDevice]) -> None:
-    """Plug in devices of the user's own. Raises TwinError if there is no such port, or a device of
-    the robot is on it."""
+def _plug_in(machine: Machine, devices: Mapping[str, AnyOwnDevice | OwnDeviceOf]) -> None:
+    """Plug in devices of the user's own. Raises TwinError if there is no such port, it is of
+    another kind, or a device of the robot is on it, and as `own_device_of`."""
     robot = machine.robot
     taken = [device.port for device in (*robot.motors, *robot.sensors)]
     for port in devices:
@@ -280,7 +286,14 @@ def _plug_in(machine: Machine, devices: Mapping[str, AnyOwnDevice]) -> None:
             raise TwinError(
                 f"port {port} of '{robot.name}' has another device; plug yours into a free one"
             )
-    machine.own_devices = devices
+    made = {port: own_device_of(device, machine.body) for port, device in devices.items()}
+    for port, own in made.items():
+        if isinstance(own, OwnI2c) and port not in robot.hub.model.sensor_ports:
+            raise TwinError(
+                f"an I2C device does not fit port {port} of the {robot.hub.value} hub; plug it "
+                "into S1 to S4 of an EV3"
+            )
+    machine.own_devices = made
 
 
 def _restore(machine: Machine, path: Path) -> None:

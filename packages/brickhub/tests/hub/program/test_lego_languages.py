@@ -115,11 +115,29 @@ def test_sixty_programs() -> None:
         "x = 'from spike import Motor'\n",
         "from .hub import port\n",
         "this is no program",
+        "import motor\nmotor.go()\n",
+        "from hub import spokes\n",
         "try:\n    import hub\nexcept ImportError:\n    hub = None\n",
     ],
 )
 def test_others_are_not(source: str) -> None:
     assert language_note(HubProgram(source, 0)) == ""
+
+
+@pytest.mark.parametrize(
+    ("source", "lines"),
+    [
+        ("import motor as m\nfrom hub import port as p\nm.run(p.A, 500)\n", [2, 3]),
+        ("from motor import run as go\nfrom hub import port\ngo(port.A, 500)\n", [1, 2]),
+        ("import hub\nhub.light_matrix.write('Hi')\nport = hub.port.A\n", [2, 3]),
+        ("import runloop, time\ntime.sleep_ms(100)\n", [1, 2]),
+    ],
+)
+def test_other_names_of_modules_are_followed(source: str, lines: list[int]) -> None:
+    program = HubProgram(source, 0)
+    language = language_of(program)
+    assert language is not None and language.name == "LEGO's SPIKE app 3"
+    assert sorted({line for line, _, _ in other_lines(program, language)}) == lines
 
 
 def test_own_module_of_that_name_is_no_sign() -> None:

@@ -96,3 +96,13 @@ def test_the_note_follows_the_traceback(tmp_path: Path) -> None:
     assert said[3] == "Pybricks 4 does not run these lines of Pybricks 2:"
     assert said[4] == "  line 5: DataLog: nothing here uses it; leave it out"
     assert len(said) == 13
+
+
+def test_mailboxes_alone_tell_a_program_of_pybricks_2(tmp_path: Path) -> None:
+    path = tmp_path / "main.py"
+    path.write_text(
+        "from pybricks.messaging import BluetoothMailboxServer\nserver = BluetoothMailboxServer()\n"
+    )
+    err = io.StringIO()
+    assert run_file(path, stdout=io.BytesIO(), stderr=err) == 1
+    assert "line 1: BluetoothMailboxServer: there are no mailboxes yet" in err.getvalue()

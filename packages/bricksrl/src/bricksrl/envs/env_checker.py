@@ -10,7 +10,7 @@ from tensordict import TensorDictBase
 
 from brickhub.finding import Finding, Outcome
 from brickhub.hub.program.compile import check_program
-from brickhub.user_files import line_of_user
+from brickhub.user_lines import line_of_user
 from bricksrl.envs.env import outside_text
 from bricksrl.envs.env_interface import interface_of
 from bricksrl.envs.make import make

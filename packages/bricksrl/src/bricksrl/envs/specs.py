@@ -14,7 +14,7 @@ from torchrl.data.tensor_specs import Binary, Bounded, BoundedContinuous, Compos
 from torchrl.envs import Compose, EnvBase, Transform
 
 from brickhub.entry import Entry
-from brickhub.user_files import line_of_user
+from brickhub.user_lines import line_of_user
 from bricksrl.envs.env_interface import BricksEnv
 from bricksrl.envs.task import Task
 from bricksrl.errors import BricksError, DescriptionError, message_of

@@ -15,7 +15,7 @@ from bricksrl.page.live import LivePage, PageDriver
 from bricksrl.page.play import Steps, play_endlessly
 from bricksrl.page.server import PageOptions
 from bricksrl.page.visitors import Visitor
-from bricktwin.twin.arena import ArenaWorld
+from bricktwin.twin.mujoco_arena import ArenaWorld
 from bricktwin.view.drawing_of_body import View
 from bricktwin.view.mirror import Mirror
 

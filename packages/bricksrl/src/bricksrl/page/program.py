@@ -13,7 +13,7 @@ from bricksrl.page.board import Board
 from bricksrl.page.robot_view import SPEEDS, RobotView
 from bricksrl.page.server import PageOptions, PageServer, chosen
 from bricksrl.page.visitors import Visitor
-from bricktwin.twin.arena import ArenaWorld
+from bricktwin.twin.mujoco_arena import ArenaWorld
 from bricktwin.view.drawing_of_body import View
 from bricktwin.view.mirror import Mirror
 

@@ -29,8 +29,9 @@ from bricksrl.errors import (
     UnknownNameError,
 )
 from bricktwin.robots import ROBO_ARM, SCOUT, TWO_WHEELER, WALKER
-from bricktwin.twin.arena import Arena, ArenaWorld, Contestant, Place
+from bricktwin.twin.arena import Arena, Contestant, Place
 from bricktwin.twin.models.load import load_model
+from bricktwin.twin.mujoco_arena import ArenaWorld
 from bricktwin.twin.physics import Physics
 
 

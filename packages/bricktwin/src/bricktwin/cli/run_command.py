@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Sequence
 from contextlib import ExitStack
@@ -15,19 +14,15 @@ from tyro.conf import UseAppendAction
 
 from brickhub.cli import run_command as run
 from brickhub.cli.terminal import print_note
-from brickhub.errors import DescriptionError
 from brickhub.options import Existing, option
 from brickhub.user_files import check_there
 
 if TYPE_CHECKING:
-    from brickhub.robot import Robot
     from brickhub.target import Target
     from brickhub.virtual.body import Body
     from brickhub.virtual.room import Room
-    from bricktwin.twin.arena import ArenaWorld
+    from bricktwin.twin.mujoco_arena import ArenaWorld
 
-_APART_M = 0.5
-"""Distance between neighbours of several robots."""
 ROBOT_OF_SCENES = "scout"
 """Robot of films and scenes where none is named: it has an eye for walls and one for lines."""
 
@@ -99,11 +94,7 @@ class Run(run.Run):
     def distance_m(self, one: int, other: int) -> float:
         if not self.robot:
             return super().distance_m(one, other)
-        places = [body.pose() for body in self.world.bodies]
-        return math.hypot(
-            places[one].x_m - places[other].x_m,
-            places[one].y_m - places[other].y_m,
-        )
+        return self.world.distance_m(one, other)
 
     def settle_in(self, room: Room) -> None:
         if self.robot:
@@ -113,29 +104,9 @@ class Run(run.Run):
     @cached_property
     def world(self) -> ArenaWorld:
         """The world that several robots share: they stand side by side, and look ahead."""
-        import numpy as np
+        from bricktwin.target import shared_world
 
-        from brickhub.robot import BENCH
-        from bricktwin.twin.arena import Arena, ArenaWorld, Contestant, Place
-        from bricktwin.twin.scene import OPEN_FLOOR
-
-        contestants = []
-        for number, name in enumerate(self.robot):
-            target = self.target(name)
-            robot = target.robot
-            if robot is BENCH:
-                raise DescriptionError(
-                    "a bench has no body to share a world with robots; name robots alone, or omit "
-                    "--robot"
-                )
-            if target.scene not in (None, OPEN_FLOOR):
-                raise DescriptionError(_has_surroundings(name, robot))
-            y_m = number * _APART_M
-            place = Place(y_m=(y_m, y_m))
-            contestants.append(Contestant(f"robot{number + 1}", robot, place))
-        world = ArenaWorld(Arena(tuple(contestants), gap_m=0.0))
-        world.place(np.random.default_rng(0))
-        return world
+        return shared_world([(name, self.target(name)) for name in self.robot])
 
     def _made_body(self, stack: ExitStack) -> Body | None:
         if self.video is None and self.scene is None:
@@ -151,19 +122,6 @@ class Run(run.Run):
         from bricktwin.twin.render.video import filmed
 
         return self.faulty(stack.enter_context(filmed(body, self.video)))
-
-
-def _has_surroundings(name: str, robot: Robot) -> str:
-    """The message for a robot whose surroundings several robots would not share."""
-    from bricktwin.robots import ROBOTS
-
-    # An environment's robot has a name of its own; a file's scene can only go elsewhere.
-    remedy = "take the scene out of the file"
-    if robot in ROBOTS.values():
-        remedy = f"name its robot alone: {robot.name}"
-    return (
-        f"{name} has surroundings, and robots that share a world stand on an open floor; {remedy}"
-    )
 
 
 def motors_without_stops(body: Body | None, program: Path) -> list[str]:

@@ -13,7 +13,7 @@ from bricktwin.robots import CART
 from bricktwin.site.houses import kit_package
 from bricktwin.site.names import bluetooth_names, device_table, pybricks_names
 from bricktwin.site.packages import SiteError
-from bricktwin.site.robots import OWN, write_robots
+from bricktwin.site.robots import OWN, write_robots, write_together
 from bricktwin.site.runtimes import put_runtimes
 from bricktwin.site.storing import write_json, write_packed
 from bricktwin.site.tab.plain_values import read_plain
@@ -30,6 +30,7 @@ LIST = "files.json"
 _SERVICE_WORKER = "service_worker.js"
 _BUILD_MARK = "BUILD-MARK"
 _FOR_ROBOT = re.compile(r"(?m)^# Robot: ([\w.-]+) ?([\w-]*)$")
+_PARTNER = re.compile(r"(?m)^# With: ([\w.-]+)$")
 _IMPORTED = re.compile(r'from "\./(\w+\.js)"')
 _NOT_COPIED = (_SERVICE_WORKER,)
 
@@ -76,6 +77,7 @@ def build_site(
             robots = (*robots, CART)
         index = write_robots(fresh, robots, drivers_worlds, _named_worlds(offered, policies))
         write_json(fresh / "robots.json", index)
+        write_json(fresh / "together.json", write_together(fresh, robots))
         write_json(fresh / "programs.json", offered)
         write_json(fresh / "pybricks.json", pybricks_names())
         write_json(fresh / "devices.json", device_table())
@@ -119,10 +121,12 @@ def _modules(*names: str) -> set[str]:
 
 
 def programs(policies: Path | None) -> list[dict[str, str]]:
-    """Programs that the page offers: title, file name, source, the robot and world it is for.
+    """Programs that the page offers: title, file name, source, the robot and world it is for, and
+    the program of a second hub.
 
     The first line of each is a comment with its title; a second one, ``# Robot: ROBOT WORLD``,
-    names the robot and the world, else it is for the bench.
+    names the robot and the world, else it is for the bench. A line ``# With: NAME.py`` names what
+    another hub runs in the same room; it is empty for a hub alone.
     """
     found = list(_described(sorted(PROGRAMS.glob("*.py"))))
     if policies is not None:
@@ -166,7 +170,15 @@ def _described(paths: Iterable[Path]) -> Iterator[dict[str, str]]:
         robot, world = match.groups() if match else ("bench", "")
         # What comes before a name, such as 2b_, is its place among the examples.
         name = re.sub(r"^\d+[a-z]?_", "", path.name)
-        yield {"title": title, "name": name, "source": source, "robot": robot, "world": world or ""}
+        partner = _PARTNER.search(source)
+        yield {
+            "title": title,
+            "name": name,
+            "source": source,
+            "robot": robot,
+            "world": world or "",
+            "partner": partner[1] if partner else "",
+        }
 
 
 def _finish(site: Path) -> None:

@@ -5,6 +5,7 @@ That build is of another version than Python's, whose binary models it does not 
 six digits into a text, so that what is more exact in the compiled model is stored beside it.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import PurePath
 from typing import Any
@@ -16,9 +17,11 @@ from brickhub.errors import TwinError
 from brickhub.robot import Robot
 from brickhub.robot.spec import with_end_stops
 from bricktwin.site.tab.plain_values import plain
+from bricktwin.twin.arena import side_by_side
 from bricktwin.twin.make_body import lies_on_bench
 from bricktwin.twin.models.kept_models import robot_model
 from bricktwin.twin.models.load import load_model
+from bricktwin.twin.mujoco_arena import arena_model, arena_spec
 from bricktwin.twin.scene import OPEN_FLOOR, Scene
 
 _FIELDS = (
@@ -60,20 +63,35 @@ def robot_file(robot: Robot, scene: Scene = OPEN_FLOOR) -> dict[str, Any]:
             f"robot '{robot.name}' lies on the bench and has no model; give it a drive base or a "
             "model, and no readings"
         )
-    compiled = robot_model(robot, scene)
-    spec = load_model(robot, scene)
+    return {
+        "robot": plain(_without_folders(robot)),
+        "scene": plain(scene),
+        **_model_file(robot_model(robot, scene), load_model(robot, scene)),
+    }
+
+
+def together_file(robots: Sequence[Robot]) -> dict[str, Any]:
+    """The same of robots that share a world, side by side: ``robots`` as plain values, ``mjcf`` and
+    ``fields``. Raises TwinError if one has no model, or does not move about."""
+    arena = side_by_side(robots)
+    spec = arena_spec(arena)
+    # The parts of a model that is put together have their numbers only then.
+    spec.compile()
+    return {
+        "robots": [plain(_without_folders(robot)) for robot in robots],
+        **_model_file(arena_model(arena), spec),
+    }
+
+
+def _model_file(compiled: mujoco.MjModel, spec: mujoco.MjSpec) -> dict[str, Any]:
+    """``mjcf`` and ``fields`` of a compiled model and its specification, which is changed."""
     _leave_out_looks(spec)
     _state_inertias(spec, compiled)
     spec.option.jacobian = compiled.opt.jacobian
     slim = spec.compile()
     text = spec.to_xml()
     written = mujoco.MjModel.from_xml_string(text)
-    return {
-        "robot": plain(_without_folders(robot)),
-        "scene": plain(scene),
-        "mjcf": text,
-        "fields": _lost_digits(compiled, slim, written),
-    }
+    return {"mjcf": text, "fields": _lost_digits(compiled, slim, written)}
 
 
 def _leave_out_looks(spec: mujoco.MjSpec) -> None:

@@ -2,20 +2,25 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from itertools import combinations_with_replacement
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from brickhub.files import as_file_name
 from brickhub.robot import Robot
 from bricktwin.plans.planned_robot import planned_robot
 from bricktwin.robots import EV3_DRIVER, ROBO_ARM, SCOUT, TWO_WHEELER, WALKER
 from bricktwin.robots.planned import plan_file
-from bricktwin.site.robot_files import robot_file
-from bricktwin.site.storing import write_packed_json
+from bricktwin.site.robot_files import robot_file, together_file
+from bricktwin.site.storing import read_packed_json, write_packed_json
 from bricktwin.site.tab.lessons import described as described_lesson
 from bricktwin.site.tab.lessons import lesson_for
-from bricktwin.twin.make_body import make_body
+from bricktwin.twin.arena import side_by_side
+from bricktwin.twin.make_body import lies_on_bench, make_body
 from bricktwin.twin.models.balance import lean_on_one_axle_deg
+from bricktwin.twin.mujoco_arena import ArenaWorld
 from bricktwin.twin.mujoco_body import MujocoBody
 from bricktwin.twin.scene import OPEN_FLOOR, Scene
 from bricktwin.view.body_drawing import drawing_of
@@ -32,8 +37,12 @@ _TITLES = {
     "cart": "Cart",
 }
 _OPEN = "open floor"
+_MESHES = "meshes.json"
+_TOGETHER = "together"
 _BEHIND = {"distance_m": 1.1, "yaw_deg": -150.0, "pitch_deg": 34.0}
 """View of a robot in a world: from behind it, so that what is before it is seen."""
+_AROUND = {"target": (0.0, 0.25, 0.05), "distance_m": 1.6, "yaw_deg": -150.0, "pitch_deg": 35.0}
+"""View of two robots that stand side by side, from behind them."""
 _FEWER_WORLDS = {"ev3-driver": ("wall", "line-simple", "maze")}
 """Worlds of robots that are offered fewer than all drivers are: all of them, for one robot more,
 would be more than what the site may transfer, 12 MB."""
@@ -77,13 +86,55 @@ def write_robots(
             {
                 "name": robot.name,
                 "title": _TITLES.get(robot.name, robot.name),
-                "meshes": f"{folder}/meshes.json",
+                "meshes": f"{folder}/{_MESHES}",
                 # Only these are offered a floor of the user's own.
                 "drives": robot.drive_base is not None,
                 "worlds": _write_worlds(site, folder, robot, worlds),
             }
         )
     return index
+
+
+def write_together(site: Path, robots: Sequence[Robot]) -> list[dict[str, Any]]:
+    """Write the files of robots that share a world, two at a time, beside those of
+    :func:`write_robots`; returns their index: names of both, file, and files of their meshes."""
+    folder = site / "robots" / _TOGETHER
+    folder.mkdir(parents=True)
+    index = []
+    for pair in combinations_with_replacement(filter(_can_share, robots), 2):
+        file = together_file(pair)
+        shared = ArenaWorld(side_by_side(pair))
+        # Where the model has them is not where they start.
+        shared.place(np.random.default_rng(0))
+        body = shared.bodies[0]
+        described = drawing_of(body).described()
+        meshes = []
+        folders = []
+        # Of two robots of one name the meshes are the same.
+        for name in dict.fromkeys(as_file_name(robot.name) for robot in pair):
+            path = f"robots/{name}/{_MESHES}"
+            folders.append(path)
+            meshes += read_packed_json(site / path)
+        described["meshes"] = [
+            meshes.index(mesh) if mesh in meshes else mesh for mesh in described["meshes"]
+        ]
+        described["view"].update(_AROUND, follow=None)
+        names = [robot.name for robot in pair]
+        first, second = map(as_file_name, names)
+        path = f"robots/{_TOGETHER}/{first}_and_{second}.json"
+        write_packed_json(site / path, {"robot": file, "drawing": described, "start": _start(body)})
+        index.append({"robots": names, "file": path, "meshes": folders})
+    return index
+
+
+def _can_share(robot: Robot) -> bool:
+    """Whether a robot can be one of several in a world, and hear the others there."""
+    hub = robot.hub.model
+    if not (hub.runs_programs and hub.has_bluetooth) or lies_on_bench(robot, OPEN_FLOOR):
+        return False
+    body = make_body(robot)
+    # One that has to be held until it runs is alone with its hand.
+    return isinstance(body, MujocoBody) and body.moves and _held(robot, OPEN_FLOOR) is OPEN_FLOOR
 
 
 def _held(robot: Robot, scene: Scene) -> Scene:
@@ -121,7 +172,7 @@ def _write_worlds(
         if is_first:
             # Those of the robot itself are in all of its worlds.
             meshes = described["meshes"]
-            write_packed_json(site / folder / "meshes.json", meshes)
+            write_packed_json(site / folder / _MESHES, meshes)
         described["meshes"] = [
             meshes.index(mesh) if mesh in meshes else mesh for mesh in described["meshes"]
         ]

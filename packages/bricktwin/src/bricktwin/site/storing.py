@@ -4,6 +4,7 @@ import gzip
 import json
 import zipfile
 from pathlib import Path
+from typing import Any
 
 PACKED = ".packed"
 """Ending of a file that is stored in gzip's format, as plain file servers do not compress."""
@@ -23,6 +24,11 @@ def pack(source: Path, folder: Path) -> None:
 def write_packed_json(path: Path, content: object) -> None:
     """Store values as compressed JSON, under ``path`` with another ending."""
     write_packed(path, _as_json(content).encode())
+
+
+def read_packed_json(path: Path) -> Any:
+    """What was stored under ``path`` by :func:`write_packed_json`."""
+    return json.loads(gzip.decompress(path.with_name(path.name + PACKED).read_bytes()))
 
 
 def write_json(path: Path, content: object) -> None:

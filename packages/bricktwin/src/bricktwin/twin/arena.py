@@ -1,48 +1,47 @@
-"""Arena: several virtual robots in one MuJoCo world and on one clock.
+"""Arena: several virtual robots in one world and on one clock.
 
 Each robot's hub has a separate body, and all bodies are parts of one world. The world advances only
 after every hub has run up to that time: a hub that lets time pass first runs the other hubs, so
 that each motor's voltage is set before the physics step that it acts in. The simulation is
-deterministic, bit for bit.
+deterministic, bit for bit. It needs neither NumPy nor MuJoCo, as a tab has neither.
 """
 
-import functools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-
-import mujoco
-import numpy as np
+from typing import Generic, TypeVar
 
 from brickhub.errors import TwinError
 from brickhub.robot import Robot
 from brickhub.virtual.body import Rng
 from bricktwin.twin.body import STEPS_PER_LOAD, NoiseSources, TwinBody
-from bricktwin.twin.engines.mujoco_engine import MujocoEngine
+from bricktwin.twin.engines.engine import Engine
 from bricktwin.twin.engines.rotations import yaw_quaternion
 from bricktwin.twin.model_physics import set_physics
-from bricktwin.twin.models.kept_models import kept_model, model_stamps
-from bricktwin.twin.models.mjcf import LOOKS, add_camera, add_light, new_spec
-from bricktwin.twin.models.scenery import add_geom
-from bricktwin.twin.mujoco_body import MujocoBody
 from bricktwin.twin.physics import Physics
 from bricktwin.twin.scene import OPEN_FLOOR
 from bricktwin.twin.senses import clockwise_deg
 from bricktwin.twin.settling import come_to_rest, halt, settle
 from bricktwin.twin.standing import Pose
 
-_WALL_HALF_HEIGHT_M = 0.04
-_WALL_HALF_WIDTH_M = 0.012
-_WALL_RGB = (0.55, 0.58, 0.62)
-_LOAD_RGB = (0.85, 0.55, 0.15)
 _MAX_DRAWS = 20_000
 """Start poses that are drawn before an arena counts as too narrow."""
 _DRAWS_AT_ONCE = 200
 """Start poses that are drawn for one arrangement of the first robots."""
+_APART_M = 0.5
+"""Distance between neighbours that stand side by side."""
+_COLORS = (
+    (0.1, 0.6, 0.6),
+    (0.9, 0.5, 0.1),
+    (0.55, 0.35, 0.75),
+    (0.85, 0.25, 0.35),
+)
+"""Colours by which neighbours are known."""
 _MAX_MOTORS = 31
 """Number of actuator groups that MuJoCo can disable."""
 
 Range = tuple[float, float]
+B = TypeVar("B", bound="SharingBody")
 
 
 @dataclass(frozen=True)
@@ -137,148 +136,39 @@ class Arena:
         return TwinError(f"{text}; give them other places, or the arena a smaller gap_m")
 
 
-@functools.lru_cache(maxsize=4)
-def _compiled(
-    arena: Arena,
-    _stamps: tuple[tuple[tuple[str, int, int], ...], ...],
-) -> mujoco.MjModel:
-    """Compiled model of an arena; copy it before use. The stamps are of its robots' files, as
-    somebody may go on drawing meanwhile."""
-    robots = [contestant.robot for contestant in arena.robots]
-    return kept_model(lambda: _built(arena), robots, arena)
+def side_by_side(
+    robots: Sequence[Robot],
+    numbers: Sequence[int] | None = None,
+) -> Arena:
+    """An open floor with robots that stand side by side and look ahead.
 
-
-def _built(arena: Arena) -> mujoco.MjSpec:
-    """Model of an arena: the models of its robots, attached to one world."""
-    spec = new_spec("arena", OPEN_FLOOR)
-    world = spec.worldbody
-    add_light(world)
-    half_sizes_m = arena.half_size_m or (0.7,)
-    add_camera(
-        world,
-        "arena",
-        target=(0.0, 0.0, 0.0),
-        direction=(0.0, -0.75, 1.0),
-        distance_m=2.6 * max(half_sizes_m) + 0.4,
-    )
-    if arena.half_size_m is not None:
-        _add_walls(world, *arena.half_size_m)
-    for number, contestant in enumerate(arena.robots):
-        _add_robot(
-            spec,
-            contestant,
-            number,
-            len(arena.robots),
-        )
-    # Each model numbers its motors from 0; a group of its own opens one circuit alone.
-    for group, actuator in enumerate(spec.actuators):
-        actuator.group = group
-    for load in arena.loads:
-        _add_load(world, load)
-    for mark in arena.marks:
-        _add_mark(world, mark)
-    return spec
-
-
-def _add_robot(
-    spec: mujoco.MjSpec,
-    contestant: Contestant,
-    number: int,
-    count: int,
-) -> None:
-    """Add a robot, one of ``count``. Raises TwinError if it cannot move."""
-    # Takes longer to import than a kept model to load.
-    from bricktwin.twin.models.load import load_model
-
-    child = load_model(contestant.robot, OPEN_FLOOR, alone=False)
-    chassis = child.body("chassis")
-    joints: list[mujoco.MjsJoint] = [] if chassis is None else chassis.joints
-    if not joints or joints[0].type != mujoco.mjtJoint.mjJNT_FREE:
-        raise TwinError(
-            f"robot '{contestant.robot.name}' stands on a fixed base; only robots that move about "
-            "share a world"
-        )
-    # Robots collide with one another and with their surroundings: bit 0 is that of what collides
-    # with all, and each robot has a bit to which the others answer.
-    others = sum(2 << other for other in range(count) if other != number)
-    for geom in child.geoms:
-        if geom.contype:
-            geom.contype = 1 | 2 << number
-            geom.conaffinity = others
-    # What there is one of for all: the light, and how matrices are stored.
-    for light in list(child.lights):
-        child.delete(light)
-    child.option.jacobian = spec.option.jacobian
-    spec.worldbody.add_frame().attach_body(chassis, f"{contestant.name}/", "")
-    # A disc on the hub, by whose colour a person knows the robot.
-    spec.body(f"{contestant.name}/chassis").add_geom(
-        type=mujoco.mjtGeom.mjGEOM_CYLINDER,
-        pos=[-0.016, 0.0, 0.062],
-        size=[0.022, 0.004, 0.0],
-        rgba=[*contestant.color, 1.0],
-        mass=0.0,
-        **LOOKS,
-    )
-
-
-def _add_walls(
-    world: mujoco.MjsBody,
-    half_x_m: float,
-    half_y_m: float,
-) -> None:
-    """Add four walls around the floor."""
-    for axis, half_m in enumerate((half_x_m, half_y_m)):
-        for side, sign in ((1, "+"), (-1, "-")):
-            position = [0.0, 0.0, _WALL_HALF_HEIGHT_M]
-            position[axis] = side * (half_m + _WALL_HALF_WIDTH_M)
-            size = [half_x_m, half_y_m, _WALL_HALF_HEIGHT_M]
-            size[axis] = _WALL_HALF_WIDTH_M
-            add_geom(
-                world,
-                f"wall_{axis}{sign}",
-                position,
-                size,
-                _WALL_RGB,
+    Args:
+        robots: from right to left.
+        numbers: of their names, ``robot1`` for 0; by default in their order.
+    """
+    contestants = []
+    for place, robot in enumerate(robots):
+        number = place if numbers is None else numbers[place]
+        y_m = place * _APART_M
+        contestants.append(
+            Contestant(
+                f"robot{number + 1}",
+                robot,
+                Place(y_m=(y_m, y_m)),
+                _COLORS[number % len(_COLORS)],
             )
+        )
+    return Arena(tuple(contestants), gap_m=0.0)
 
 
-def _add_load(world: mujoco.MjsBody, load: Load) -> None:
-    """Add a box that robots can push; where it lies is drawn at each start."""
-    half_height_m = load.half_size_m[2]
-    body = world.add_body(name=load.name, pos=[0.0, 0.0, half_height_m])
-    body.add_freejoint(name=load.name)
-    half = list(load.half_size_m)
-    # Above the priority of tyres: their friction is not that of a box on the floor.
-    add_geom(
-        body,
-        load.name,
-        [0.0] * 3,
-        half,
-        _LOAD_RGB,
-        mass_kg=load.mass_kg,
-        friction=load.friction,
-        priority=2,
-    )
-
-
-def _add_mark(world: mujoco.MjsBody, mark: Mark) -> None:
-    """Add a box that nothing touches, and that stays where it is put."""
-    body = world.add_body(name=mark.name, mocap=True)
-    body.add_geom(
-        type=mujoco.mjtGeom.mjGEOM_BOX,
-        pos=[0.0, 0.0, mark.half_size_m[2]],
-        size=list(mark.half_size_m),
-        rgba=[*mark.color, 1.0],
-        **LOOKS,
-    )
-
-
-class ArenaWorld:
+class SharedWorld(Generic[B]):
     """World of an arena, with a body for each robot's hub.
 
     Args:
+        engine: engine of the arena's one model.
+        embody: makes the body of a robot, see :class:`SharingBody`.
         physics: physics of all robots.
-        seed: seed of the sensors' noise.
+        noises: generators of the sensors' noise, for each robot.
 
     Attributes:
         engine: engine of the one model.
@@ -293,30 +183,21 @@ class ArenaWorld:
     def __init__(
         self,
         arena: Arena,
-        physics: Physics | None = None,
-        seed: int = 0,
+        engine: Engine,
+        embody: "Callable[[SharedWorld[B], Contestant, Physics, NoiseSources], B]",
+        physics: Physics,
+        noises: Sequence[NoiseSources],
     ) -> None:
         self.arena = arena
-        stamps = [model_stamps(contestant.robot) for contestant in arena.robots]
-        engine = MujocoEngine(_compiled(arena, tuple(stamps)))
         self.engine = engine
         self.time_ms = 0
         self.steps = 0
         self.runners: list[Callable[[int], None]] = []
         self.on_time: list[Callable[[int], None]] = []
         self._target_ms: dict[int, int] = {}
-        seeds = np.random.SeedSequence(seed).spawn(len(arena.robots))
-        physics = physics or Physics()
-        self.bodies: list[ArenaBody] = []
-        for contestant, noise_seed in zip(arena.robots, seeds, strict=True):
-            self.bodies.append(
-                ArenaBody(
-                    self,
-                    contestant,
-                    physics,
-                    noise_seed,
-                )
-            )
+        self.bodies: list[B] = []
+        for contestant, noise in zip(arena.robots, noises, strict=True):
+            self.bodies.append(embody(self, contestant, physics, noise))
         # Loads are what their description says, whatever the physics of the robots.
         loads: list[int] = []
         self._loads: list[int] = []
@@ -397,6 +278,10 @@ class ArenaWorld:
             poses.append(Pose(x_m, y_m, clockwise_deg(orientation)))
         return poses
 
+    def distance_m(self, one: int, other: int) -> float:
+        """True distance of two robots, by number."""
+        return _apart_m(self.bodies[one].pose(), self.bodies[other].pose())
+
     def advance_for(
         self,
         number: int,
@@ -443,20 +328,19 @@ def _apart_m(pose: Pose, other: Pose) -> float:
     return math.hypot(pose.x_m - other.x_m, pose.y_m - other.y_m)
 
 
-class ArenaBody(MujocoBody):
+class SharingBody(TwinBody):
     """Part of an arena's world that belongs to one robot; implements
     :class:`brickhub.virtual.body.Body`."""
 
     def __init__(
         self,
-        world: ArenaWorld,
+        world: "SharedWorld[B]",
         contestant: Contestant,
         physics: Physics,
-        seed: np.random.SeedSequence,
+        noise: NoiseSources,
     ) -> None:
         self._arena = world
         self._number = world.arena.robots.index(contestant)
-        (heading_seed,) = seed.spawn(1)
         # Without a model of its own: it is a part of the arena's.
         TwinBody.__init__(
             self,
@@ -464,7 +348,7 @@ class ArenaBody(MujocoBody):
             OPEN_FLOOR,
             world.engine,
             physics,
-            NoiseSources(np.random.default_rng(seed), np.random.default_rng(heading_seed)),
+            noise,
             f"{contestant.name}/",
         )
 

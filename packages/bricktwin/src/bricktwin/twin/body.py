@@ -365,6 +365,11 @@ class TwinBody(StandingRobot):
         )
         return x, y, z
 
+    def true_place(self) -> tuple[float, float, float]:
+        """Where the robot is on the floor: x and y in mm, heading in deg."""
+        pose = self.pose()
+        return 1000.0 * pose.x_m, 1000.0 * pose.y_m, pose.heading_deg
+
     def heading_deg(self) -> float:
         """Rotation about the vertical since the start, as summed up from the gyroscope, clockwise
         positive, not wrapped."""

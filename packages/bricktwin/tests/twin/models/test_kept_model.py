@@ -33,13 +33,14 @@ from brickhub.robot import (
 from bricktwin import kept
 from bricktwin.robots import ROBO_ARM, SCOUT, TWO_WHEELER, WALKER
 from bricktwin.robots.planned import plan_file, robot_of_plan
-from bricktwin.twin import arena, mujoco_body
-from bricktwin.twin.arena import Arena, ArenaWorld, Contestant, Place
+from bricktwin.twin import mujoco_arena, mujoco_body
+from bricktwin.twin.arena import Arena, Contestant, Place
 from bricktwin.twin.make_body import make_body
 from bricktwin.twin.model_physics import backlash_joints
 from bricktwin.twin.models import load
 from bricktwin.twin.models.kept_models import _encoded, kept_model
 from bricktwin.twin.models.load import load_model
+from bricktwin.twin.mujoco_arena import ArenaWorld
 from bricktwin.twin.mujoco_body import MujocoBody
 from bricktwin.twin.objects import Block, Line, Wall
 from bricktwin.twin.physics import Physics, RandomPhysics
@@ -171,7 +172,7 @@ def test_kept_model_equals_built_one(robot: Robot, scene: Scene, cache: Cache) -
 
 def test_kept_arena_equals_built_one(cache: Cache) -> None:
     def world(at_m: float) -> ArenaWorld:
-        arena._compiled.cache_clear()
+        mujoco_arena._compiled.cache_clear()
         places = (Place(), Place(x_m=(at_m, at_m)))
         robots = zip("ab", (WALKER, TWO_WHEELER), places, strict=True)
         return ArenaWorld(Arena(tuple(Contestant(*robot) for robot in robots), half_size_m=(1, 1)))

@@ -249,6 +249,16 @@ def test_motor_that_lies_beside_the_robot_raises(tmp_path: Path) -> None:
         make_body(robot_of_plan(path))
 
 
+def test_motor_that_hangs_on_an_unknown_part_names_it(tmp_path: Path) -> None:
+    text = (ROOT / "examples" / "walkers" / "two_legs.ldr").read_text(encoding="utf-8")
+    path = tmp_path / "unknown.ldr"
+    path.write_text(text.replace(" 32278.dat", " 99999999.dat"), encoding="utf-8")
+    with pytest.raises(
+        TwinError, match=r"not connected .*; or replace 99999999 \(line 12\), which"
+    ):
+        make_body(robot_of_plan(path))
+
+
 def test_hub_must_look_as_described(tmp_path: Path) -> None:
     text = (PLANS / "robo_arm.ldr").read_text(encoding="utf-8").replace("0 !BRICKSRL FIXED\n", "")
     path = tmp_path / "arm.ldr"

@@ -1,9 +1,14 @@
 from __future__ import annotations
 
 import errno
+import itertools
 import os
+import signal
 import subprocess
 import sys
+import time
+from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
 
 import imageio_ffmpeg
@@ -257,6 +262,36 @@ def test_finished_film_takes_no_more_images(tmp_path: Path) -> None:
         video.add(np.zeros((16, 16, 3), np.uint8))
     with pytest.raises(TwinError, match=r"film .*film.mp4 is finished"):
         video.add(np.zeros((16, 16, 3), np.uint8))
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows sends no Ctrl-C to one process")
+@pytest.mark.parametrize("at", [0, 2])
+def test_ctrl_c_in_the_middle_of_an_image_keeps_the_film(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, at: int
+) -> None:
+    """Ctrl-C is a KeyboardInterrupt, and no film that cannot be written."""
+    write_frames = imageio_ffmpeg.write_frames
+
+    def interrupted(*arguments: object, **options: object) -> Iterator[None]:
+        file = write_frames(*arguments, **options)
+        file.send(None)
+        for number in itertools.count():
+            frame = yield
+            if number == at:
+                os.kill(os.getpid(), signal.SIGINT)
+                time.sleep(0.05)  # Python raises it where the main thread is
+            file.send(frame)
+
+    monkeypatch.setattr(imageio_ffmpeg, "write_frames", interrupted)
+    path = tmp_path / "film.mp4"
+    images = itertools.repeat(np.zeros((16, 16, 3), np.uint8), 5)
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        with pytest.raises(KeyboardInterrupt), closing(VideoWriter(path, 20)) as video:
+            list(map(video.add, images))
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert read_video(path).shape == (at + 1, 16, 16, 3)
 
 
 def test_film_that_somebody_watches_is_an_error(

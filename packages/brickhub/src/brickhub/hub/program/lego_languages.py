@@ -45,6 +45,8 @@ _BEEP = "hub.speaker.beep(frequency, duration), in Hz and ms"
 _TILT = "hub.imu.tilt(), which is pitch and roll"
 _SENSOR_LIGHTS = "sensor.lights.on(brightness)"
 _SPEEDS = "give the speed with each command, in deg/s"
+_COMPARISON = "a comparison, such as a > b"
+_WATCH = "time() of a StopWatch of pybricks.tools, in ms"
 
 _SPIKE_2 = {
     "light_matrix.show_image": _ICON,
@@ -75,6 +77,7 @@ _SPIKE_2 = {
     "run_for_seconds": "run_time(speed, 1000 * seconds), with the speed in deg/s",
     "run_to_position": "run_target(speed, angle), with the speed in deg/s",
     "run_to_degrees_counted": "run_target(speed, angle), with the speed in deg/s",
+    "start": f"run(speed), in deg/s; of a pair {_DRIVE}",
     "start_at_power": "dc(percent)",
     "get_speed": "speed(), in deg/s",
     "get_position": "angle(), not wrapped",
@@ -115,6 +118,13 @@ _SPIKE_2 = {
     "wait_until_released": _LOOP,
     "wait_for_seconds": f"{_WAIT}: 1000 * seconds",
     "wait_until": _LOOP,
+    "equal_to": _COMPARISON,
+    "not_equal_to": _COMPARISON,
+    "greater_than": _COMPARISON,
+    "greater_than_or_equal_to": _COMPARISON,
+    "less_than": _COMPARISON,
+    "less_than_or_equal_to": _COMPARISON,
+    "now": "time() of a StopWatch, in ms",
     "Timer": "StopWatch() of pybricks.tools: time() in ms, reset()",
     "MSHub": "InventorHub() of pybricks.hubs, or PrimeHub(), which is the same hub",
     "PrimeHub": "PrimeHub() of pybricks.hubs",
@@ -187,7 +197,15 @@ _SPIKE_3 = {
     "color_matrix": "a color light matrix: ColorLightMatrix of pybricks.pupdevices",
     "orientation": "hub.display.orientation(Side.TOP)",
     "device": "iodevices.PUPDevice(Port.A) tells what is plugged in",
+    "time": "wait and StopWatch of pybricks.tools",
+    "time.sleep": f"{_WAIT}: 1000 * seconds",
+    "time.sleep_ms": _WAIT,
+    "time.ticks_ms": _WATCH,
+    "time.ticks_diff": _WATCH,
+    "hub.power_off": "hub.system.shutdown()",
     "app": _NO_APP,
+    "app.sound": _NO_APP,
+    "sound.play": _NO_APP,
     "linegraph": _NO_APP,
     "bargraph": _NO_APP,
     "display": _NO_APP,
@@ -206,6 +224,7 @@ _HUB_MODULE = {
     "hub.status": "hub.imu, hub.battery and hub.buttons",
     "hub.BT_VCP": _NO_APP,
     "hub.USB_VCP": _NO_APP,
+    "runtime.VirtualMachine": "what the app has made of word blocks does not run; write it anew",
     "utime": "wait and StopWatch of pybricks.tools",
     "time": "wait and StopWatch of pybricks.tools",
 }
@@ -229,12 +248,31 @@ _EV3DEV = {
     "UltrasonicSensor": "UltrasonicSensor(Port.S1) of pybricks.ev3devices",
     "GyroSensor": "GyroSensor(Port.S1) of pybricks.ev3devices",
     "InfraredSensor": "InfraredSensor(Port.S1) of pybricks.ev3devices",
+    "run_direct": "dc(percent)",
+    "position": "angle()",
+    "is_pressed": "pressed()",
+    "wait_for_pressed": _LOOP,
+    "wait_for_bump": _LOOP,
+    "reflected_light_intensity": "reflection()",
+    "ambient_light_intensity": "ambient()",
+    "distance_centimeters": "distance(), in mm",
+    "distance_inches": "distance(), in mm",
     "Sound": "ev3.speaker.beep(); there is no voice",
+    "speak": "the brick cannot speak; ev3.speaker.beep(frequency, duration)",
+    "Sound.beep": "ev3.speaker.beep(frequency, duration)",
     "Leds": "ev3.light.on(Color.GREEN)",
+    "set_color": "ev3.light.on(Color.GREEN)",
     "Display": "ev3.screen",
     "Button": "ev3.buttons.pressed()",
-    "sleep": _WAIT,
+    "sleep": f"{_WAIT}: 1000 * seconds",
+    "time": "wait and StopWatch of pybricks.tools",
+    **{f"OUTPUT_{port}": f"Port.{port} of pybricks.parameters" for port in "ABCD"},
+    **{f"INPUT_{port}": f"Port.S{port} of pybricks.parameters" for port in "1234"},
 }
+
+_ONLY_SPIKE_3 = ("hub.light_matrix", "hub.motion_sensor", "hub.light")
+"""Parts of the module ``hub`` that the older one lacks: ``import hub`` alone does not tell them
+apart."""
 
 LANGUAGES = (
     Language("LEGO's MINDSTORMS app (Robot Inventor)", ("mindstorms",), _SPIKE_2),
@@ -266,7 +304,8 @@ LANGUAGES = (
 
 def language_of(program: HubProgram) -> Language | None:
     """The language of a program that is not Pybricks'; ``None`` for all others. What imports
-    Pybricks, or has a module of that name beside it, is Pybricks'."""
+    Pybricks, has a module of that name beside it, or uses nothing of that language, is
+    Pybricks'."""
     try:
         tree = parse(program.source)
     except (SyntaxError, ValueError):
@@ -275,13 +314,15 @@ def language_of(program: HubProgram) -> Language | None:
     own = {module.name for module in program.modules}
     imported = set(_imported(tree))
     roots = {name.partition(".")[0] for name in imported}
+    imported |= set(_hub_parts(tree)) & set(_ONLY_SPIKE_3)
     # Who catches a failed import is prepared for Pybricks.
     if "pybricks" in roots or _catches_import_errors(tree):
         return None
     for language in LANGUAGES:
         known = [name for name in language.modules if name.partition(".")[0] not in own]
         if any(name in imported or name in roots for name in known):
-            return language
+            # A module "motor" may also be a file of the program's that was forgotten.
+            return language if any(_uses(tree, language)) else None
     return None
 
 
@@ -325,19 +366,43 @@ def _imported(tree: ast.AST) -> Iterator[str]:
                 yield f"{node.module}.{alias.name}"
 
 
+def _aliases(tree: ast.AST) -> dict[str, str]:
+    """Names that imports give to things, and the own names of these: ``import motor as m``."""
+    aliases = {}
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import | ast.ImportFrom):
+            for alias in node.names:
+                if alias.asname:
+                    aliases[alias.asname] = alias.name
+    return aliases
+
+
+def _hub_parts(tree: ast.AST) -> Iterator[str]:
+    """Parts of the module ``hub`` that a program uses by its name, such as ``hub.light``."""
+    # The hub of another program is an object, which it has not imported.
+    if "hub" not in _imported(tree):
+        return
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
+            yield f"{node.value.id}.{node.attr}"
+
+
 def _uses(tree: ast.AST, language: Language) -> Iterator[tuple[int, str, str]]:
+    aliases = _aliases(tree)
     for node in ast.walk(tree):
         if isinstance(node, ast.Attribute):
             owner = node.value
             before = getattr(owner, "attr", getattr(owner, "id", ""))
+            before = aliases.get(before, before)
             # The longer name says more: `motor.run` is another thing than `run` of a motor.
             for name in (f"{before}.{node.attr}", node.attr):
                 if name in language.uses:
                     yield node.lineno, name, language.uses[name]
                     break
         elif isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
-            if node.func.id in language.uses:
-                yield node.lineno, node.func.id, language.uses[node.func.id]
+            name = aliases.get(node.func.id, node.func.id)
+            if name in language.uses:
+                yield node.lineno, name, language.uses[name]
         elif isinstance(node, ast.ImportFrom | ast.Import):
             yield from _of_import(node, language)
 

@@ -62,6 +62,16 @@ _IMPORTS: dict[tuple[str, str], str] = {
 }
 _ONLY_OLD = ("pybricks.media.ev3dev", "pybricks.ev3brick", "pybricks.speaker", "pybricks.display")
 """Modules by which a program shows that it is for Pybricks 1 or 2."""
+_ONLY_OLD_NAMES = (
+    ("pybricks", "ev3brick"),
+    ("pybricks.tools", "DataLog"),
+    ("pybricks.messaging", "BluetoothMailboxServer"),
+    ("pybricks.messaging", "BluetoothMailboxClient"),
+    ("pybricks.messaging", "LogicMailbox"),
+    ("pybricks.messaging", "NumericMailbox"),
+    ("pybricks.messaging", "TextMailbox"),
+)
+"""Names in modules that there still are, by which it does, too."""
 _ATTRIBUTES = {
     "say": "the brick cannot speak; show it with ev3.screen.print(), or beep",
     "play_file": _SOUNDS,
@@ -94,7 +104,7 @@ class Outdated:
 
 def is_old_import(module: str, name: str) -> bool:
     """Whether only a program for Pybricks 1 or 2 imports that name of a module."""
-    return module in _ONLY_OLD or (module, name) == ("pybricks", "ev3brick")
+    return module in _ONLY_OLD or (module, name) in _ONLY_OLD_NAMES
 
 
 def outdated(program: HubProgram) -> list[Outdated]:

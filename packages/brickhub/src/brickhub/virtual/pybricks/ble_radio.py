@@ -6,15 +6,21 @@ hears nothing.
 
 from typing import Any
 
+from brickhub.virtual import error_numbers
 from brickhub.virtual.air import Message, Value
 from brickhub.virtual.micropython.floats import to_single
 from brickhub.virtual.micropython.streams import as_bytes
-from brickhub.virtual.pybricks.arguments import get_exact_int
+from brickhub.virtual.pybricks.arguments import get_exact_int, os_error
 from brickhub.virtual.pybricks.context import Native
 
 _LAST_CHANNEL = 255
+_MOST_CHANNELS = 255
+"""Channels that can be observed."""
 _MAX_PAYLOAD_BYTES = 26
 """Room in an advertisement of 31 bytes."""
+_CHANGE_MS = 2
+"""Time in which the radio takes another message; an assumption: the firmware looks for it once a
+millisecond, and then asks the Bluetooth chip."""
 
 
 class Radio(Native):
@@ -29,6 +35,8 @@ class Radio(Native):
             channel = get_exact_int(broadcast_channel)
             if not 0 <= channel <= _LAST_CHANNEL:
                 raise ValueError("Broadcast channel must be 0 to 255 or None")
+        if len(observe_channels) > _MOST_CHANNELS:
+            raise ValueError("Too many observe channels")
         # Values are read by index, because anything that has a length and items will do.
         channels = []
         for index in range(len(observe_channels)):
@@ -43,9 +51,22 @@ class Radio(Native):
         if self._broadcast_channel is None:
             raise RuntimeError("no broadcast channel selected")
         message = None if data is None else _encoded(data)
-        # The radio takes what the program says at once; when the others hear it is the air's part.
-        self._antenna.broadcast(self._machine.time_ms, self._broadcast_channel, message)
-        return self._context.done()
+        # Outside of tasks the radio takes what the program says at once, like most calls; when the
+        # others hear it is the air's part.
+        now_ms = self._machine.time_ms
+        antenna = self._antenna
+        is_in_task = self._context.is_active
+        if is_in_task and now_ms < antenna.busy_until_ms:
+            raise os_error(error_numbers.EBUSY)
+        new = None if message is None else (self._broadcast_channel, message)
+        # Their texts are compared, as 1, 1.0 and True are equal, but not in the air.
+        if repr(new) == repr(antenna.current):
+            return self._context.done()
+        antenna.broadcast(now_ms, self._broadcast_channel, message)
+        if not is_in_task:
+            return None
+        antenna.busy_until_ms = now_ms + _CHANGE_MS
+        return self._context.wait_until(antenna.busy_until_ms)
 
     def observe(self, channel: Any) -> Message | None:
         return self._observed(channel)[0]
@@ -57,11 +78,11 @@ class Radio(Native):
         return "v1.0"
 
     def _observed(self, channel: Any) -> tuple[Message | None, int]:
-        if get_exact_int(channel) not in self._antenna.heard:
+        # The firmware keeps the number in a byte, so that 258 is channel 2.
+        channel = get_exact_int(channel) & _LAST_CHANNEL
+        if channel not in self._antenna.heard:
             raise ValueError("channel not configured")
-        message, strength_dbm = self._antenna.observed(self._machine.time_ms, channel)
-        # An empty tuple has no bytes, which means nothing.
-        return (None if message == () else message), strength_dbm
+        return self._antenna.observed(self._machine.time_ms, channel)
 
 
 class BLERadio(Radio):

@@ -392,8 +392,8 @@ def _dpad(down: frozenset[str]) -> int:
 
 
 class HubNetwork:
-    """Network of hubs, of Pybricks 4.1, which is not played: its messages are not documented
-    yet."""
+    """Network of hubs, of Pybricks 4.1, which is not played: neither the sources up to 4.1.0b2 nor
+    the type stubs have it."""
 
     def __init__(
         self,

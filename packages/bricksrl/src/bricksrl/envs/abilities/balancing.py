@@ -13,7 +13,7 @@ from bricksrl.envs.task import Task, Tensor
 from bricksrl.errors import DescriptionError
 from bricktwin.plans.planned_robot import planned_robot
 from bricktwin.robots.as_drawn import DrawnRobot
-from bricktwin.twin.models.balance import lean_on_one_axle_deg
+from bricktwin.twin.models.balance import MOST_LEAN_DEG, lean_on_one_axle_deg
 from bricktwin.twin.scene import Scene
 
 _STEP_MS = 20
@@ -21,8 +21,6 @@ _STEP_MS = 20
 _STEPS = 250
 _FALLEN_DEG = 35.0
 """The hub ends a trial there, too."""
-_MOST_LEAN_DEG = 15.0
-"""So far off upright, the wheels cannot get below the robot any more."""
 _HELD_DEG = 1.0
 """A hand that feels the balance holds it so well."""
 _FAR_DEG = 360.0
@@ -38,7 +36,7 @@ def keep_upright(drawn: DrawnRobot) -> Task:
     lean_deg = lean_on_one_axle_deg(planned_robot(drawn.path))
     if lean_deg is None:
         raise DescriptionError("it stands by itself")
-    if abs(lean_deg) > _MOST_LEAN_DEG:
+    if abs(lean_deg) > MOST_LEAN_DEG:
         side = "in front of" if lean_deg < 0 else "behind"
         raise DescriptionError(
             f"its centre of mass is too far {side} its axle: it is in balance at "

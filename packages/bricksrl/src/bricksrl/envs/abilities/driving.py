@@ -16,8 +16,9 @@ from brickhub.hub.interface import (
     Wait,
 )
 from brickhub.robot import DriveBase, Sense
+from brickhub.robot.line_edge import edge_of
 from bricksrl.envs.task import Task, Tensor
-from bricksrl.envs.tasks.line_follow import LINE_FOLLOW, as_seen_by, edge_of
+from bricksrl.envs.tasks.line_follow import LINE_FOLLOW, as_seen_by
 from bricksrl.envs.tasks.on_robots import gyroscope_of, interface_on
 from bricksrl.envs.tasks.park import PARK
 from bricksrl.envs.tasks.run_away import RUN_AWAY, metrics_without_tilt

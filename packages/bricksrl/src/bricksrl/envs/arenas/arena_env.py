@@ -31,7 +31,7 @@ from bricksrl.envs.env_interface import BricksEnv
 from bricksrl.envs.simulation import batch_shape, reseed, resolve_device
 from bricksrl.envs.specs import NominalBounded, clamped, end_specs
 from bricksrl.errors import BricksError, DescriptionError, HubError, StoppedError
-from bricktwin.twin.arena import ArenaWorld
+from bricktwin.twin.mujoco_arena import ArenaWorld
 from bricktwin.twin.physics import Physics
 
 LAG = (0.2, 0.6)

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from brickhub.entry import Entry
 from brickhub.fields import check_arguments, check_fields
-from brickhub.user_files import line_of_user
+from brickhub.user_lines import line_of_user
 from bricksrl.errors import DescriptionError, SensorError, message_of
 from bricktwin.twin.scene import Scene
 

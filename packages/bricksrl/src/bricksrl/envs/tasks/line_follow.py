@@ -55,7 +55,6 @@ With the option `robot=ev3-driver`, the yaw rate is that of its gyro sensor, and
 """
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Annotated
 
@@ -67,7 +66,7 @@ from brickhub.hub.interface import (
     Wait,
     YawRate,
 )
-from brickhub.robot import Robot, SensorKind
+from brickhub.robot.line_edge import LineEdge, edge_of
 from brickhub.user_files import NotCode
 from bricksrl.envs.task import Task, Tensor
 from bricksrl.envs.tasks.on_robots import on_robot
@@ -101,33 +100,18 @@ def course() -> tuple[tuple[float, float], ...]:
     return tuple(points)
 
 
-_NOISE_PCT = 2.0
-"""Difference from the reading over bare line or floor at which the sensor sees only that."""
-
-
 @dataclass(frozen=True)
-class Edge:
-    """The edge of a line as a color sensor sees it, and the task's functions of its readings.
+class FollowedEdge:
+    """The task's functions of the readings of an edge.
 
     Attributes:
-        line_pct, floor_pct: what the sensor reads over the line and over the floor.
+        line_edge: the edge as the robot's color sensor reads it.
     """
 
-    line_pct: float
-    floor_pct: float
-
-    @property
-    def edge_pct(self) -> float:
-        """Reading on the edge, halfway between line and floor."""
-        return (self.line_pct + self.floor_pct) / 2
-
-    @property
-    def bare_pct(self) -> float:
-        """Difference from it at which the sensor sees only the line or only the floor."""
-        return (self.floor_pct - self.line_pct) / 2 - _NOISE_PCT
+    line_edge: LineEdge
 
     def _off_pct(self, observation: Tensor) -> Tensor:
-        return (observation[..., :1] - self.edge_pct).abs()
+        return (observation[..., :1] - self.line_edge.edge_pct).abs()
 
     def reward(
         self,
@@ -140,17 +124,17 @@ class Edge:
         speed = action[..., :1]
         turn = action[..., 1:2]
         off_pct = self._off_pct(observation)
-        near = (1.0 - off_pct / self.bare_pct).clamp(min=0.0)
+        near = (1.0 - off_pct / self.line_edge.bare_pct).clamp(min=0.0)
         # Brighter than the edge means left of it, where a turn to the right finds it again.
-        side = (observation[..., :1] - self.edge_pct).sign()
+        side = (observation[..., :1] - self.line_edge.edge_pct).sign()
         back = 0.25 * side * turn - 0.5
-        is_lost = off_pct >= self.bare_pct
+        is_lost = off_pct >= self.line_edge.bare_pct
         following = near * (0.75 + 0.25 * speed)
         return following + back * is_lost
 
     def _on_line_share(self, observations: Tensor) -> Tensor:
         off_pct = self._off_pct(observations)[..., 0]
-        is_on_line = off_pct < self.bare_pct
+        is_on_line = off_pct < self.line_edge.bare_pct
         return is_on_line.float().mean(-1)
 
     def success(self, observations: Tensor) -> Tensor:
@@ -169,26 +153,13 @@ class Edge:
         }
 
 
-EDGES: Mapping[SensorKind, Edge] = {
-    SensorKind.COLOR: Edge(5.0, 71.0),
-    SensorKind.COLOR_DISTANCE: Edge(4.0, 63.0),
-    SensorKind.EV3_COLOR: Edge(8.0, 82.0),
-}
-"""What the kinds of color sensors read of a line and a floor that reflect 8 and 82 % of the
-light."""
-
-
-def edge_of(robot: Robot, sensor: str = "light") -> Edge:
-    """The edge of a line as a robot's color sensor sees it."""
-    return EDGES[robot.sensor(sensor).kind]
-
-
-def as_seen_by(task: Task, edge: Edge) -> Task:
+def as_seen_by(task: Task, line_edge: LineEdge) -> Task:
     """The task with the readings of another color sensor."""
+    edge = FollowedEdge(line_edge)
     return replace(task, reward=edge.reward, success=edge.success, metrics=edge.metrics)
 
 
-_SCOUT_EDGE = edge_of(SCOUT)
+_SCOUT_EDGE = FollowedEdge(edge_of(SCOUT))
 LINE_FOLLOW = Task(
     id="LineFollow-v0",
     doc=__doc__,
@@ -230,4 +201,4 @@ def line_follow(*, robot: Annotated[str, NotCode()] = SCOUT.name) -> Task:
     task = on_robot(LINE_FOLLOW, robot, (CART, EV3_DRIVER))
     edge = edge_of(task.robot)
     # What the very same sensor reads leaves the very same task.
-    return task if edge == _SCOUT_EDGE else as_seen_by(task, edge)
+    return task if edge == _SCOUT_EDGE.line_edge else as_seen_by(task, edge)

@@ -13,8 +13,9 @@ from typing import Any
 import numpy as np
 
 from brickhub.robot import SensorKind
+from brickhub.robot.line_edge import LINE_EDGES, LineEdge, edge_of
 from bricksrl.envs.task import Task
-from bricksrl.envs.tasks.line_follow import EDGES, LINE_FOLLOW, Edge, edge_of
+from bricksrl.envs.tasks.line_follow import LINE_FOLLOW
 
 ArrayPolicy = Callable[[Mapping[str, Any]], Any]
 """From ``observation`` ``[n]`` and, if there is a camera, ``image`` to an action ``[m]``."""
@@ -131,7 +132,7 @@ def bring(state: Mapping[str, Any]) -> Any:
     return action.clip(-1.0, 1.0)
 
 
-def follow(state: Mapping[str, Any], edge: Edge = EDGES[SensorKind.COLOR]) -> Any:
+def follow(state: Mapping[str, Any], edge: LineEdge = LINE_EDGES[SensorKind.COLOR]) -> Any:
     """Half speed, with a turn proportional to the difference of the brightness from that of the
     edge."""
     off_pct = state["observation"][0] - edge.edge_pct

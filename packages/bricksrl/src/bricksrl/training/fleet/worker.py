@@ -18,7 +18,7 @@ import torch
 from torchrl.envs import EnvBase
 from torchrl.modules import RandomPolicy
 
-from brickhub.user_files import line_of_user
+from brickhub.user_lines import line_of_user
 from bricksrl.agents.learner import Learner
 from bricksrl.child_process import END, Message, leave, parent_channel
 from bricksrl.data.collect import about, step_of

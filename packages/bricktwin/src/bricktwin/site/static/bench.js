@@ -26,16 +26,33 @@ export class Bench {
     this.element = element;
     this.devices = devices;
     this.onReading = onReading;
-    this.readings = new Map();
+    this.readingsOf = [new Map()]; // of each hub
+    this.hub = 0;
     this.cards = new Map();
     this.told = {};
     const classes = [...devices.motors, ...Object.keys(devices.sensors).map((kind) => kind.replace(/^Ev3/, ""))].join("|");
     this.pattern = new RegExp(`(?:(\\w+)\\s*=\\s*)?\\b(${classes})\\s*\\(\\s*(?:port\\s*=\\s*)?Port\\.([A-F]|S[1-4])`, "g");
   }
 
+  // All that has been set for the hub that is shown.
+  get readings() {
+    return (this.readingsOf[this.hub] ??= new Map());
+  }
+
   // All that has been set, for a run that begins.
   get settings() {
-    return [...this.readings].map(([key, value]) => [...key.split("."), value]);
+    return this.settingsOf(this.hub);
+  }
+
+  settingsOf(hub) {
+    return [...(this.readingsOf[hub] ?? [])].map(([key, value]) => [...key.split("."), value]);
+  }
+
+  // Another hub's bench is shown.
+  select(hub) {
+    this.hub = hub;
+    for (const { element } of this.cards.values()) element.remove();
+    this.cards.clear();
   }
 
   // The devices that a program names, before it runs.

@@ -104,6 +104,12 @@ export class Hub {
     setTimeout(() => isStill() && this.giveUp(entry), LAST_MS);
   }
 
+  // Nobody needs this hub any more.
+  leave() {
+    this.worker.worker.terminate();
+    this.spare?.worker.terminate();
+  }
+
   giveUp(entry) {
     entry.worker.terminate();
     this.on.happened([{ kind: "err", ms: 0, text: "The program was stopped (SystemExit).\n" }], new Float32Array());

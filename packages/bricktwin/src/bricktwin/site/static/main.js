@@ -10,6 +10,7 @@ import { errorsOf, Printed } from "./printed.js";
 import { exampleOf, linkOf, Programs, programOf, saveFile } from "./programs.js";
 import { RealHub } from "./real_hub.js";
 import { RealKit } from "./real_kit.js";
+import { Room } from "./room.js";
 import { Stage } from "./stage.js";
 import { Teach } from "./teach.js";
 
@@ -22,7 +23,8 @@ async function begin() {
   const state = new State();
   const programs = new Programs();
   let wanted = null; // a run that waits for Python
-  let errors = ""; // what the hub says about an error, as far as it has come
+  let errors = []; // what each hub says about an error, as far as it has come
+  let room = null;
   let teach = null; // once the page is there
   let real = null;
   let kit = null;
@@ -37,11 +39,13 @@ async function begin() {
     ask: (operation) => (kit.isRunning ? kit : real).ask(operation),
     happened(events, frames) {
       // Between two runs, only the real hub is heard.
-      if (kit?.isRunning) kit.add(events);
+      if (room?.isRunning) room.take(0, events, frames);
+      else if (kit?.isRunning) kit.add(events);
       else if (real?.doing || !state.isBusy) real?.add(events);
       else (teach.isLearning ? teach : player).add(events, frames);
     },
     ended(code) {
+      if (room?.isRunning) return void room.end(0, code);
       const done = kit?.end() ? "kit" : real?.end(code);
       if (done && done !== "teach") {
         state.code = code;
@@ -53,41 +57,71 @@ async function begin() {
         state.set(code === 130 ? "stopped" : "finished");
         return;
       }
-      player.end(state.isStopping || player.rate === FAST);
-      state.code = code;
+      endRun(code);
     },
-    failed(text, wasReady) {
-      if (teach?.isLearning) teach.end(1);
-      player.abandon();
-      kit?.end();
-      state.set("failed");
-      real?.restart();
-      note(wasReady
-        ? `The program was too much for this browser (${text}). Python starts again; nothing is lost.`
-        : `Python could not start here (${text}). Load the page again, or try another browser: Chrome, Edge, Firefox 114 or Safari 16.4, or newer.`);
-    },
+    failed: (text, wasReady) => fail(text, wasReady),
   }, programs.robot !== "bench");
-  const [robots, examples] = await Promise.all([json("robots.json"), json("programs.json")]);
+
+  // The program, or those of all hubs, have ended.
+  function endRun(code) {
+    player.end(state.isStopping || player.rate === FAST);
+    state.code = code;
+  }
+
+  function fail(text, wasReady) {
+    room?.abandon();
+    if (teach?.isLearning) teach.end(1);
+    player.abandon();
+    kit?.end();
+    state.set("failed");
+    real?.restart();
+    note(wasReady
+      ? `The program was too much for this browser (${text}). Python starts again; nothing is lost.`
+      : `Python could not start here (${text}). Load the page again, or try another browser: Chrome, Edge, Firefox 114 or Safari 16.4, or newer.`);
+  }
+  const [robots, examples, together] = await Promise.all(["robots.json", "programs.json", "together.json"].map(json));
   const stage = new Stage({
     robot: byId("robot"), world: byId("world"), view: byId("view"), canvas: byId("scene"), metres: byId("metres"),
     follow: byId("follow"), home: byId("home"), pull: byId("pull"),
-  }, { robots, onPull: (message) => hub.send(message), onChoice: chooseRobot, onPicture: () => byId("picture").showModal() });
+  }, { robots, onPull: (message) => room.send(message), onChoice: chooseRobot, onPicture: () => byId("picture").showModal() });
   // The robot is there first: it is looked at while Python and the editor come.
   const isNew = !programs.current, linked = exampleOf(location.hash, examples), first = linked ?? examples[0];
   if (isNew || linked) Object.assign(programs, { robot: first.robot, world: first.world });
-  const shown = stage.choose(programs.robot, programs.world);
+  // Who follows a link sees what it is for, on a hub alone.
+  if (isNew || location.hash) programs.hubs = [];
+  room = new Room(byId("hubs"), {
+    hub, programs, together,
+    on: {
+      note,
+      ready: () => wanted && run(),
+      happened: (events, frames) => player.add(events, frames),
+      ended: endRun,
+      failed: fail,
+      changed: () => chooseRobot(programs.robot, programs.world),
+      selected() {
+        player.select(room.selected);
+        bench.select(room.selected);
+        stage.robot.value = programs.robot;
+        showProgram();
+        bench.tell(room.devices[room.selected] ?? {});
+        showErrors();
+      },
+    },
+  });
+  const shown = room.isShared ? stage.chooseTogether(room.world, programs.robot) : stage.choose(programs.robot, programs.world);
   const [names, devices, { Editor }] = await Promise.all([json("pybricks.json"), json("devices.json"), import("./editor.js")]);
   await shown;
 
-  const bench = new Bench(byId("bench"), { devices, onReading: (reading) => hub.send({ kind: "reading", reading }) });
-  const board = new Board(byId("hub"), { hubs: devices.hubs, onButton: (message) => hub.send(message) });
+  const bench = new Bench(byId("bench"), { devices, onReading: (reading) => room.send({ kind: "reading", reading }) });
+  const board = new Board(byId("hub"), { hubs: devices.hubs, onButton: (message) => room.send(message) });
   const printed = new Printed(byId("console"));
   const player = new Player({
-    allow: (ms) => hub.allow(ms),
+    allow: (ms) => room.allow(ms),
     frame(row) {
-      bench.turn(row);
-      stage.frame(row.subarray(ROW));
-      board.turn(row);
+      const own = room.rowOf(row, stage.width);
+      bench.turn(own);
+      stage.frame(row.subarray(ROW, ROW + stage.width));
+      board.turn(own);
     },
     panel: (panel) => board.show(panel),
     time: showTime,
@@ -97,12 +131,19 @@ async function begin() {
 
   function show(event) {
     if (event.kind === "out") printed.out(event.text);
-    else if (event.kind === "devices") bench.tell(event.devices);
+    else if (event.kind === "devices") tellDevices(event);
     else if (event.kind === "file") offerFile(event);
     else if (event.kind === "err" || event.kind === "note") {
       printed.append(event.text, event.kind);
-      if (event.kind === "err") errors += event.text;
+      const number = event.hub ?? 0;
+      if (event.kind === "err") errors[number] = (errors[number] ?? "") + event.text;
     }
+  }
+
+  // What a hub's program has on its bench.
+  function tellDevices({ hub: number = 0, devices }) {
+    room.devices[number] = devices;
+    if (number === room.selected) bench.tell(devices);
   }
 
   const editor = new Editor(byId("editor"), { names, onChange: edited, onRun: () => run() });
@@ -117,6 +158,7 @@ async function begin() {
   }
 
   function showProgram() {
+    room.keepUp();
     byId("programs").replaceChildren(...Object.keys(programs.files).map((name) => new Option(name, name, false, name === programs.current)));
     editor.load(programs.source);
     kit?.offer(programs.source);
@@ -128,7 +170,8 @@ async function begin() {
   }
 
   function clearOutput() {
-    errors = "";
+    errors = [];
+    room.devices = [];
     note("");
     say("");
     editor.show([]);
@@ -142,7 +185,7 @@ async function begin() {
   function run() {
     if (state.isBusy) return;
     note("");
-    if (!hub.isReady) {
+    if (!room.isReady) {
       wanted = [];
       state.set("starting");
       return;
@@ -150,9 +193,10 @@ async function begin() {
     wanted = null;
     clearOutput();
     board.sound.allow();
-    player.clear(ROW + stage.width);
+    player.clear(room.widthOf(stage.width));
     state.set("running");
-    hub.run({ robot: stage.file, picture: stage.picture, readings: bench.settings, ...toRun() });
+    if (room.isShared) room.run({ robot: stage.file, readings: room.seats.map((_, number) => bench.settingsOf(number)), ...toRun() }, stage.width);
+    else hub.run({ robot: stage.file, picture: stage.picture, readings: bench.settings, ...toRun() });
     player.begin();
     setPaused(false);
   }
@@ -186,11 +230,14 @@ async function begin() {
   async function chooseRobot(robot, world, picture = null) {
     stop();
     teach.offer(null);
-    Object.assign(programs, { robot, world });
+    const refused = room.isShared ? room.choose(robot) : "";
+    if (!room.isShared) Object.assign(programs, { robot, world });
+    note(refused);
     programs.keep();
     player.clear(ROW);
     try {
-      await stage.choose(robot, world, picture);
+      if (room.isShared) await stage.chooseTogether(room.world, programs.robot);
+      else await stage.choose(robot, world, picture);
       teach.offer(stage.lesson);
     } catch (error) {
       note(`This robot could not be fetched (${error.message}). Is there a network?`);
@@ -203,7 +250,7 @@ async function begin() {
     if (real?.doing) return void real.stop();
     if (player.isRunning) {
       state.isStopping = true;
-      hub.stop();
+      room.stop();
     } else player.end(true);
     player.isPlaying = true;
   }
@@ -213,11 +260,17 @@ async function begin() {
     board.show(null);
     state.set(state.isStopping || state.code === 130 ? "stopped" : state.code ? "error" : "finished");
     byId("save-output").hidden = !printed.text;
-    const found = errorsOf(errors, programs.current);
+    showErrors();
+    teach.begin();
+  }
+
+  // Errors of the program that is shown; of several hubs' output each line begins with a mark.
+  function showErrors() {
+    const text = errors[room.selected] ?? "", own = room.isShared ? text.replace(/^.*?: /gm, "") : text;
+    const found = errorsOf(own, programs.current);
     editor.show(found);
     if (found.length) say(`Line ${found[0].line}: ${found[0].message}`);
-    else if (state.code && state.code !== 130) say(errors.trim().split("\n").at(-1) ?? "");
-    teach.begin();
+    else if (state.code && state.code !== 130) say(errors.flat().join("").trim().split("\n").at(-1) ?? "");
   }
 
   function offerFile({ name, text }) {
@@ -244,8 +297,12 @@ async function begin() {
   }
 
   // An example brings the robot that it is for.
-  function takeExample({ name, source, robot, world }) {
+  function takeExample({ name, source, robot, world, partner }) {
+    const other = hub.hasWayIn && examples.find((one) => one.name === partner);
+    if (other) programs.add(other.name, other.source);
+    const otherName = programs.current;
     programs.add(name, source);
+    if (other) return void room.open([programs.current, otherName], robot);
     showProgram();
     if (robots.some((one) => one.name === robot) || robot === "bench") chooseRobot(robot, world ?? "");
   }

@@ -10,6 +10,7 @@ export class Player {
     this.on = on;
     this.rate = 1;
     this.isPlaying = true;
+    this.hub = 0;
     this.clear(8);
     this.lead_ms = LEAD_MS;
     this.last = performance.now();
@@ -26,7 +27,7 @@ export class Player {
     this.width = width;
     this.frames = [];
     this.events = [];
-    this.panels = [];
+    this.panels = new Map(); // by hub
     this.toldEvents = 0;
     this.shown_ms = this.clock_ms = this.latest_ms = 0;
     this.isRunning = false;
@@ -50,10 +51,23 @@ export class Player {
       event.ms = Math.max(event.ms, this.events.at(-1)?.ms ?? 0);
       this.latest_ms = Math.max(this.latest_ms, event.ms);
       this.events.push(event);
-      if (event.kind === "panel") this.panels.push(event);
+      if (event.kind === "panel") this.keepPanel(event);
     }
+  }
+
+  keepPanel(event) {
+    const hub = event.hub ?? 0, panels = this.panels.get(hub) ?? [];
+    this.panels.set(hub, panels);
+    panels.push(event);
     // A light that blinks for an hour fills memory else.
-    if (this.panels.length > 2 * MAX_PANELS) this.panels.splice(0, this.panels.length - MAX_PANELS);
+    if (panels.length > 2 * MAX_PANELS) panels.splice(0, panels.length - MAX_PANELS);
+  }
+
+  // Another hub's panel is shown.
+  select(hub) {
+    this.hub = hub;
+    this.lastRow = this.lastPanel = null;
+    this.on.panel(null);
   }
 
   // The run has ended. With `atOnce`, nothing is left to be waited for.
@@ -100,7 +114,7 @@ export class Player {
     if (this.toldEvents > 5000) this.events.splice(0, this.toldEvents), (this.toldEvents = 0);
     const row = this.frames[this.indexAt(ms)];
     if (row && row !== this.lastRow) this.on.frame((this.lastRow = row));
-    const panel = last(this.panels, ms);
+    const panel = last(this.panels.get(this.hub) ?? [], ms);
     if (panel && panel !== this.lastPanel) this.on.panel((this.lastPanel = panel));
     if (ms !== this.shown_ms || !this.isCaughtUp) this.on.time((this.shown_ms = ms), this.latest_ms);
     const isCaughtUp = !this.isRunning && ms >= this.latest_ms && this.toldEvents === this.events.length;

@@ -7,11 +7,14 @@ export class Programs {
     this.files = {};
     this.current = "";
     this.robot = this.world = "";
+    this.hubs = []; // program and robot of each hub of a room, if there are several
+    this.hub = 0;
     try {
       Object.assign(this, JSON.parse(localStorage.getItem(KEY) ?? "{}"));
     } catch {
       // A browser may keep nothing, or what it kept is damaged: then there are none yet.
     }
+    if (!Array.isArray(this.hubs) || this.hubs.length < 2 || !this.hubs[this.hub]) Object.assign(this, { hubs: [], hub: 0 });
     if (typeof this.files !== "object" || !(this.current in this.files)) this.current = Object.keys(this.files ?? {})[0] ?? "";
   }
 
@@ -20,9 +23,9 @@ export class Programs {
   }
 
   keep() {
-    const { files, current, robot, world } = this;
+    const { files, current, robot, world, hubs, hub } = this;
     try {
-      localStorage.setItem(KEY, JSON.stringify({ files, current, robot, world }));
+      localStorage.setItem(KEY, JSON.stringify({ files, current, robot, world, hubs, hub }));
       return true;
     } catch {
       return false; // it is full, or keeps nothing
@@ -45,9 +48,10 @@ export class Programs {
   }
 
   rename(name) {
-    const source = this.source;
-    delete this.files[this.current];
+    const source = this.source, before = this.current;
+    delete this.files[before];
     this.add(name, source);
+    for (const one of this.hubs) if (one.program === before) one.program = this.current;
   }
 
   remove() {

@@ -51,12 +51,26 @@ export class Stage {
     this.shown = world?.file ?? null;
     this.lesson = world?.lesson ?? null;
     this.picture = picture;
-    if (!robot) return;
+    if (robot) await this.fetch([robot.meshes], picture);
+  }
+
+  // Show robots that share a world, an entry of together.json, or benches if there is none. `robotName`: the one that is chosen.
+  async chooseTogether(entry, robotName) {
+    this.robot.value = entry ? robotName : BENCH;
+    this.world.parentElement.hidden = true;
+    this.view.hidden = !entry;
+    this.lesson = this.picture = null;
+    if (this.shown === entry?.file) return;
+    this.shown = entry?.file ?? null;
+    if (entry) await this.fetch(entry.meshes, null);
+  }
+
+  async fetch(meshFiles, picture) {
     const file = this.shown, read = async (name) => (await fetchPacked(name)).json();
-    const [plain, meshes] = await Promise.all([read(file), read(robot.meshes)]);
+    const [plain, ...lists] = await Promise.all([file, ...meshFiles].map(read)), meshes = lists.flat();
     if (file !== this.shown || picture !== this.picture) return; // another one was chosen meanwhile
     const { drawing, start } = picture ? withPicture(plain, picture) : plain;
-    // Those of the robot are in one file for all of its worlds, which name them by their numbers.
+    // Those of a robot are in one file for all of its worlds, which name them by their numbers.
     drawing.meshes = drawing.meshes.map((mesh) => (typeof mesh === "number" ? meshes[mesh] : mesh));
     this.load(drawing, new Float32Array(start));
   }

@@ -15,6 +15,7 @@ const AIMS = {
 const ON_HUB = {
   walk: "The real robot walks up to a wall, which it measures by its ultrasonic sensor: put it 1.3 m before one that is higher than itself. Now and then you put it back.",
   stop: "The real robot measures the wall by its ultrasonic sensor: put it 60 cm before one. It drives back by itself.",
+  upright: "Hold the real robot upright before each try, with a soft ground below it, and let go of it when its wheels turn.",
   follow: "Put the real robot with its color sensor on the left edge of a black line on a bright floor, along it. Where it loses the line, you put it back.",
 };
 
@@ -182,8 +183,12 @@ export class Teach {
   }
 
   // The robot is where no try can begin.
-  askForPlace({ distance_mm, wanted_mm, reflection_pct }) {
+  askForPlace({ distance_mm, wanted_mm, reflection_pct, pitch_deg }) {
     this.find("place").hidden = false;
+    if (pitch_deg !== undefined) {
+      this.find("distance").textContent = `It leans by ${pitch_deg} degrees. Hold it upright, and let go of it when its wheels turn.`;
+      return;
+    }
     if (reflection_pct !== undefined) {
       this.find("distance").textContent = `It sees no edge of a line, but ${reflection_pct} % of the light. Put it with its color sensor on the left edge of the line, along it.`;
       return;

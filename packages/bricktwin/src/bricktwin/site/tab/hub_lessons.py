@@ -4,16 +4,19 @@ a trial can begin."""
 import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 from brickhub.errors import DescriptionError
-from brickhub.hub.interface import Distance, Heading, Interface
+from brickhub.hub.interface import Distance, Heading, Interface, Pitch
 from brickhub.hub.trial_protocol import MOST_STEPS
 from brickhub.robot import Robot, UltrasonicSensor
+from brickhub.robot.line_edge import edge_of
 from bricktwin.site.tab.lessons import (
-    EDGE_PCT,
     Lesson,
     Record,
     follow_line,
+    keep_upright,
+    light_of,
     stop_before_wall,
     walk,
 )
@@ -33,6 +36,8 @@ _STOP_TOLERANCE_MM = 90.0
 _BACK_GAIN = 1.5
 _AT_EDGE_PCT = 25.0
 """Difference from the edge at which a robot surely still sees it."""
+_UPRIGHT_DEG = 12.0
+"""Twice the largest lean of a robot in balance: a hand is not more exact."""
 
 
 @dataclass(frozen=True)
@@ -40,6 +45,8 @@ class Place:
     """Where a trial may begin.
 
     Attributes:
+        asks_each_time: whether a person is asked before each trial, not only where the robot is
+            elsewhere.
         nearest_mm, farthest_mm: distances to the wall.
         wanted_mm: where a person puts it, or it drives itself.
         distance: index of the channel.
@@ -50,6 +57,7 @@ class Place:
             on its toes it may look over or under everything.
     """
 
+    asks_each_time: ClassVar[bool] = False
     nearest_mm: float
     farthest_mm: float
     wanted_mm: float
@@ -85,10 +93,13 @@ class AtEdge:
 
     Attributes:
         reflection: index of the channel.
+        edge_pct: what the sensor reads there.
         heading: none that matters, as the edge tells the way.
     """
 
+    asks_each_time: ClassVar[bool] = False
     reflection: int
+    edge_pct: float
     heading: int | None = None
 
     def asked(self, observed: Sequence[float]) -> dict[str, float]:
@@ -100,7 +111,33 @@ class AtEdge:
 
     def is_there(self, observed: Sequence[float], first_heading_deg: float | None) -> bool:
         """Whether a robot that observes this is at the edge."""
-        return abs(observed[self.reflection] - EDGE_PCT) < _AT_EDGE_PCT
+        return abs(observed[self.reflection] - self.edge_pct) < _AT_EDGE_PCT
+
+
+@dataclass(frozen=True)
+class Held:
+    """Where a trial of a robot begins that cannot stand: in a hand, which lets go of it when its
+    wheels turn.
+
+    Attributes:
+        pitch: index of the channel.
+        heading: none that matters.
+    """
+
+    asks_each_time: ClassVar[bool] = True
+    pitch: int
+    heading: int | None = None
+
+    def asked(self, observed: Sequence[float]) -> dict[str, float]:
+        """What a person is told who has to hold the robot."""
+        return {"pitch_deg": round(observed[self.pitch])}
+
+    def way_from(self, observed: Sequence[float]) -> None:
+        """A robot that lies on the floor does not get up."""
+
+    def is_there(self, observed: Sequence[float], first_heading_deg: float | None) -> bool:
+        """Whether a robot that observes this is upright."""
+        return abs(observed[self.pitch]) < _UPRIGHT_DEG
 
 
 @dataclass(frozen=True)
@@ -109,7 +146,7 @@ class HubLesson:
     trials."""
 
     lesson: Lesson
-    place: Place | AtEdge
+    place: Place | AtEdge | Held
 
 
 def walk_to_wall(robot: Robot) -> HubLesson:
@@ -179,7 +216,19 @@ def stop_at_wall(robot: Robot) -> HubLesson:
 
 def follow_line_on_hub(robot: Robot) -> HubLesson:
     """Follow the edge of a line. Raises DescriptionError as the lesson does."""
-    return HubLesson(follow_line(robot), AtEdge(reflection=0))
+    edge = edge_of(robot, light_of(robot))
+    return HubLesson(follow_line(robot), AtEdge(reflection=0, edge_pct=edge.edge_pct))
+
+
+def keep_upright_on_hub(robot: Robot) -> HubLesson:
+    """Keep upright on two wheels. Raises DescriptionError as the lesson does."""
+    lesson = keep_upright(robot)
+    (pitch,) = (
+        index
+        for index, channel in enumerate(lesson.interface.channels)
+        if isinstance(channel, Pitch)
+    )
+    return HubLesson(lesson, Held(pitch))
 
 
 def _eyes(robot: Robot, purpose: str) -> str:
@@ -196,5 +245,6 @@ HUB_LESSONS: dict[str, Callable[[Robot], HubLesson]] = {
     "walk": walk_to_wall,
     "stop": stop_at_wall,
     "follow": follow_line_on_hub,
+    "upright": keep_upright_on_hub,
 }
 """Functions that make the lesson of a goal for a real robot."""

@@ -93,7 +93,8 @@ class HubTeaching:
         tried = search.ask() if numbers is None else tuple(numbers)
         record = self._tried(tried)
         score = self._lesson.score(record)
-        search.tell(score, numbers=tried, has_failed=record.has_fallen)
+        has_failed = record.has_fallen and not self._lesson.falls_late
+        search.tell(score, numbers=tried, has_failed=has_failed)
         self._recorder.tell(
             "trial",
             numbers=tried,
@@ -142,7 +143,7 @@ class HubTeaching:
         observed = self._link.read().values
         if self._first_heading_deg is None:
             self._begin_here(observed)
-        if not self._arrives(observed):
+        if self._place.asks_each_time or not self._arrives(observed):
             self._wait_for_person()
 
     def _arrives(self, observed: Sequence[float]) -> bool:

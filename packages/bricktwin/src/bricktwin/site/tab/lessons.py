@@ -4,6 +4,7 @@ import contextlib
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 from brickhub.errors import DescriptionError
@@ -26,7 +27,8 @@ from brickhub.hub.interface import (
     WheelsAngle,
     WheelsSpeed,
 )
-from brickhub.robot import Robot, SensorKind, UltrasonicSensor
+from brickhub.robot import Robot, UltrasonicSensor
+from brickhub.robot.line_edge import LINE_EDGES, LineEdge, edge_of
 from brickhub.search.approach import approach
 from brickhub.search.bayesian_search import trial_score
 from brickhub.search.edge import edge_following
@@ -61,11 +63,6 @@ _LINE_STEPS = 80
 _LINE_STEP_MS = 50
 _LINE_MM_S = 250
 _LINE_TURN_DEG_S = 150
-EDGE_PCT = 38.0
-"""Reflection halfway between what a color sensor reads over black tape, 5, and over the floor, 71,
-of 8 and 82 % of the light."""
-_BARE_PCT = 31.0
-"""Difference from it at which the sensor sees only the line, or only the floor."""
 _FARTHEST_MM = 10_000
 
 
@@ -239,27 +236,21 @@ def uprightness(record: Record) -> float:
     """Points of 100: for each step upright half of them, and the other half for being near; those
     after a fall have none."""
     points = []
+    # Wheels of a real robot have turned before.
+    _, _, first_deg, _ = record.observed[0] if record.observed else (0.0, 0.0, 0.0, 0.0)
     for _, _, angle_deg, _ in record.observed[1:]:
-        near = math.exp(-abs(angle_deg) / _FAR_DEG)
+        near = math.exp(-abs(angle_deg - first_deg) / _FAR_DEG)
         points.append(100.0 * (1.0 + near) / 2.0)
     return math.fsum(points) / _UPRIGHT_STEPS if points else math.nan
 
 
 def follow_line(robot: Robot) -> Lesson:
-    """Follow the edge of a line, fast. Raises DescriptionError without a drive base, SPIKE's color
+    """Follow the edge of a line, fast. Raises DescriptionError without a drive base, a color
     sensor, and a hub that runs programs."""
-    lights = []
-    for sensor in robot.sensors:
-        # Others read other numbers on the same edge, such as an EV3's 45.
-        if sensor.kind is SensorKind.COLOR:
-            lights.append(sensor.name)
-    if not (lights and robot.hub.model.runs_programs):
-        raise DescriptionError(
-            f"robot '{robot.name}' follows no line by itself; give it a hub and SPIKE's color "
-            "sensor"
-        )
+    name = light_of(robot)
     drive_base(robot, "follow a line")
-    light = SensorReading(lights[0], "reflection", 0, 100, "%")
+    edge = edge_of(robot, name)
+    light = SensorReading(name, "reflection", 0, 100, "%")
     interface = Interface(
         (DriveSpeed(0, _LINE_MM_S), DriveTurnRate(-_LINE_TURN_DEG_S, _LINE_TURN_DEG_S)),
         (light, DriveDistance(0, _FARTHEST_MM)),
@@ -268,21 +259,32 @@ def follow_line(robot: Robot) -> Lesson:
     return Lesson(
         goal="follow",
         interface=interface,
-        structure=edge_following(interface, EDGE_PCT),
+        structure=edge_following(interface, edge.edge_pct),
         labels=("its speed", "its turn for each percent"),
         steps=_LINE_STEPS,
-        score=speed_at_edge,
+        score=partial(speed_at_edge, edge=edge),
         unit="mm/s",
     )
 
 
-def speed_at_edge(record: Record) -> float:
+def light_of(robot: Robot) -> str:
+    """Name of the color sensor by which a robot follows a line. Raises DescriptionError without one
+    whose readings there are known, and without a hub that runs programs."""
+    lights = [sensor.name for sensor in robot.sensors if sensor.kind in LINE_EDGES]
+    if not (lights and robot.hub.model.runs_programs):
+        raise DescriptionError(
+            f"robot '{robot.name}' follows no line by itself; give it a hub and a color sensor"
+        )
+    return lights[0]
+
+
+def speed_at_edge(record: Record, edge: LineEdge) -> float:
     """Speed of a robot, mm/s: each way counts as far as its sensor was near the edge after it, from
     all of it there to nothing of it where it sees only the line, or only the floor."""
     way_mm = 0.0
     for before, after in zip(record.observed, record.observed[1:], strict=False):
         reflection_pct, distance_mm = after
-        near = max(0.0, 1.0 - abs(reflection_pct - EDGE_PCT) / _BARE_PCT)
+        near = max(0.0, 1.0 - abs(reflection_pct - edge.edge_pct) / edge.bare_pct)
         way_mm += near * (distance_mm - before[1])
     steps = len(record.observed) - 1
     return way_mm * 1000 / (_LINE_STEP_MS * steps) if steps > 0 else math.nan

@@ -9,17 +9,24 @@ from brickhub.robot import Sense
 from brickhub.virtual.bench_body import FittedBench
 from brickhub.virtual.machine import Machine
 from brickhub.virtual.run import stop_program
+from bricktwin.site.tab.room import RoomHand
 from bricktwin.twin.body import TwinBody
 from bricktwin.twin.hand import Hand
 
 
 class Person:
-    """Person beside a machine; called from within its time."""
+    """Person beside a machine; called from within its time.
 
-    def __init__(self, machine: Machine) -> None:
+    Args:
+        hand: by which robots are pulled; by default one of its own, if there is a body.
+    """
+
+    def __init__(self, machine: Machine, hand: Hand | RoomHand | None = None) -> None:
         self._machine = machine
         body = machine.body
-        self._hand = Hand(body.engine) if isinstance(body, TwinBody) else None
+        if hand is None and isinstance(body, TwinBody):
+            hand = Hand(body.engine)
+        self._hand = hand
         self._pulled: tuple[int, float, float] | None = None
 
     def obey(self, messages: str) -> None:

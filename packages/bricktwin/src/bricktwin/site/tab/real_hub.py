@@ -18,8 +18,7 @@ from brickhub.robot import Robot
 from bricktwin.site.tab.hub_lessons import HUB_LESSONS
 from bricktwin.site.tab.hub_teaching import HubTeaching
 from bricktwin.site.tab.hub_transport import WebTransport
-from bricktwin.site.tab.page import Page
-from bricktwin.site.tab.recorder import Recorder
+from bricktwin.site.tab.recorder import Page, Recorder
 from bricktwin.site.tab.robot_file import robot_in
 from bricktwin.site.tab.run import (
     FOLDER,

@@ -22,8 +22,7 @@ from brickhub.kits.radio import lego_package
 from brickhub.virtual.run import ProgramStopped
 from bricktwin.site.tab.kit_in_tab import waiting_by
 from bricktwin.site.tab.mailbox_loop import Mailbox, MailboxLoop, Message, alone
-from bricktwin.site.tab.page import Page
-from bricktwin.site.tab.recorder import Recorder
+from bricktwin.site.tab.recorder import Page, Recorder
 from bricktwin.site.tab.run import (
     FOLDER,
     REFUSED_EXIT_CODE,

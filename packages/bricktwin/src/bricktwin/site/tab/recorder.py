@@ -4,12 +4,11 @@ import json
 import math
 import time
 from array import array
-from typing import Any
+from typing import Any, Protocol
 
 from brickhub.virtual.bench_body import FittedBench
 from brickhub.virtual.machine import Machine
 from brickhub.virtual.panel import Panel
-from bricktwin.site.tab.page import Page
 
 FRAME_MS = 20
 """Simulated time from one frame to the next; a multiple of the control loop's."""
@@ -18,6 +17,23 @@ _POST_S = 0.015
 """Real time between two posts: a picture of the screen."""
 _MAX_EVENTS = 500
 _STREAMS = ("out", "err")
+
+
+class Page(Protocol):
+    """What goes to the page of a tab, and comes from it while a program runs."""
+
+    def frame(self) -> None:
+        """Keep the poses of the robot's bodies as they are now, beside the frame that is made."""
+
+    def post(self, events: str, rows: bytes) -> None:
+        """Send what has happened: a JSON list of events, and the rows of ``Recorder``."""
+
+    def take(self) -> str:
+        """What has come since the last call: a JSON list of messages, empty for none."""
+
+    def may_go_on(self, time_ms: int) -> bool:
+        """Whether the page has reached a simulated time; waits a little until it has, or a message
+        comes."""
 
 
 class Recorder:

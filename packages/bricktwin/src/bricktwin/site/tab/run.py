@@ -6,8 +6,9 @@ import shutil
 import signal
 from collections.abc import Mapping
 from contextlib import closing, redirect_stdout, suppress
+from functools import partial
 from pathlib import Path
-from typing import BinaryIO, TextIO, cast
+from typing import Any, BinaryIO, TextIO, cast
 
 from brickhub.errors import BricksError, MediumUnavailableError
 from brickhub.hub.program.program_files import ProgramFiles
@@ -17,9 +18,10 @@ from brickhub.kits.radio import LEGO_PACKAGE
 from brickhub.virtual.body import Body
 from brickhub.virtual.machine import Machine, Pace
 from brickhub.virtual.run import Operation, interruptible, run_file
-from bricktwin.site.tab.page import Page
+from bricktwin.site.tab.js_engine import JsEngine
 from bricktwin.site.tab.person import Person
-from bricktwin.site.tab.recorder import FRAME_MS, Recorder
+from bricktwin.site.tab.recorder import FRAME_MS, Page, Recorder
+from bricktwin.site.tab.room import Others, Seat, shared_world
 
 FOLDER = Path("/programs")
 """Where the page's programs are while one of them runs."""
@@ -82,10 +84,36 @@ class _TabPace(Pace):
             self._person.obey(self._page.take())
 
 
+def run_in_room(
+    request_text: str,
+    page: Page,
+    others: Others,
+    file: dict[str, Any] | None = None,
+    handle: Any = None,
+) -> int:
+    """Run the program of one of several hubs, each in a worker of its own; returns the exit code.
+
+    Args:
+        request_text: JSON as of `run_in_tab`, with ``seat``: ``number`` of the hub, ``programs`` of
+            all of them, and ``order``, the number in the file of each hub's robot.
+        page: the page.
+        others: the other workers.
+        file: of the robots that share a world; ``None`` for benches.
+        handle: ``Engine`` of ``engine.js`` that was made of the same file.
+    """
+    place = json.loads(request_text)["seat"]
+    seat = Seat(others, place["number"], place["programs"])
+    body = None
+    if file is not None:
+        body = seat.enter(shared_world(file, place["order"], JsEngine(handle)))
+    return run_in_tab(request_text, page, body, seat)
+
+
 def run_in_tab(
     request_text: str,
     page: Page,
     body: Body | None = None,
+    seat: Seat | None = None,
 ) -> int:
     """Run one of the page's programs to its end; returns the exit code.
 
@@ -94,6 +122,7 @@ def run_in_tab(
             ``readings`` (port, sense, value), ``stdin`` and ``time_limit_s``.
         page: the page.
         body: the robot; ``None`` for the bench.
+        seat: place in a room of several hubs; ``None`` for a hub alone.
     """
     request = json.loads(request_text)
     recorder = Recorder(page)
@@ -103,20 +132,34 @@ def run_in_tab(
 
     def attend(machine: Machine) -> None:
         machine.panel.is_watched = True
-        person = Person(machine)
+        person = Person(machine, None if seat is None else seat.hand())
         person.set_readings(request["readings"])
         machine.pace = _TabPace(page, recorder, person)
         recorder.begin(machine)
+        if seat is not None:
+            seat.attend(machine)
+            seat.on_wait = partial(_wait_for_others, page, recorder, person)
 
     def tell(line: str) -> None:
         recorder.tell("note", text=f"{line}\n")
 
+    source = request["files"].get(request["name"], "")
     try:
         with closing(ProgramFiles(output, FOLDER, tell)) as files, interruptible():
             path = FOLDER / request["name"]
             time_limit_s = request.get("time_limit_s")
             operation = Operation(attend=attend)
-            if is_for_kits(request["files"].get(request["name"], "")):
+            if seat is not None:
+                # As in a terminal: what several hubs print is marked, and saved by nobody.
+                code = run_file(
+                    path,
+                    body,
+                    stdout=cast("BinaryIO", seat.marked(output, b": ", b"\n")),
+                    stderr=cast("TextIO", seat.marked(errors, ": ", "\n")),
+                    time_limit_s=time_limit_s,
+                    operation=operation,
+                )
+            elif is_for_kits(source):
                 with redirect_stdout(TextOutput(output)):
                     code = _run_kit(path, body, errors, time_limit_s, operation)
             else:
@@ -136,10 +179,23 @@ def run_in_tab(
         recorder.tell("err", text="The program was stopped (SystemExit).\n")
         code = STOPPED_EXIT_CODE
     finally:
+        if seat is not None:
+            seat.leave()
         recorder.frame()
         tell_written(request["files"], recorder)
         recorder.post()
     return code
+
+
+def _wait_for_others(
+    page: Page,
+    recorder: Recorder,
+    person: Person,
+) -> None:
+    """Called while a hub waits for the others of its room."""
+    # What has happened so far is to be seen while the hub waits.
+    recorder.post()
+    person.obey(page.take())
 
 
 def is_for_kits(source: str) -> bool:

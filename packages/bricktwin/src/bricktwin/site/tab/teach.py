@@ -9,8 +9,7 @@ from brickhub.search.bayesian_search import BayesianSearch
 from brickhub.virtual.machine import Machine, Pace
 from brickhub.virtual.run import ProgramStopped, interruptible, stop_program
 from bricktwin.site.tab.lessons import LESSONS, Lesson
-from bricktwin.site.tab.page import Page
-from bricktwin.site.tab.recorder import FRAME_MS, Recorder
+from bricktwin.site.tab.recorder import FRAME_MS, Page, Recorder
 from bricktwin.site.tab.run import STOPPED_EXIT_CODE
 from bricktwin.site.tab.trial import at_start, program_by, try_once
 from bricktwin.twin.body import TwinBody

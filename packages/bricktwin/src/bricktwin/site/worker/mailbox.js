@@ -1,31 +1,38 @@
 // Mailbox in memory that the page and a worker share: the way in for what happens while a program runs. Where the browser
 // gives no such memory (the page is not isolated), there is no mailbox, and a run goes as fast as it can.
 
-const SIGNAL = 0, ALLOWED_MS = 1, HEAD = 2, TAIL = 3, HEADER_BYTES = 32, RING_BYTES = 1 << 16, LENGTH_BYTES = 4;
+const SIGNAL = 0, ALLOWED_MS = 1, HEAD = 2, TAIL = 3, CLOSED = 4, HEADER_BYTES = 32, RING_BYTES = 1 << 16, LENGTH_BYTES = 4;
+
+const LATER_MS = 5; // between two looks for room
 
 export class Mailbox {
   constructor(memory) {
     this.memory = memory;
     this.numbers = new Int32Array(memory, 0, HEADER_BYTES / 4);
-    this.ring = new Uint8Array(memory, HEADER_BYTES, RING_BYTES);
+    this.ring = new Uint8Array(memory, HEADER_BYTES);
   }
 
   static isPossible() {
     return typeof SharedArrayBuffer === "function" && globalThis.crossOriginIsolated === true;
   }
 
-  static create() {
-    return new Mailbox(new SharedArrayBuffer(HEADER_BYTES + RING_BYTES));
+  static create(bytes = RING_BYTES) {
+    return new Mailbox(new SharedArrayBuffer(HEADER_BYTES + bytes));
   }
 
   // The page: a message for the program; false if the box is full.
   send(message) {
-    const text = new TextEncoder().encode(JSON.stringify(message)), head = this.numbers[HEAD];
-    const used = (head - Atomics.load(this.numbers, TAIL) + RING_BYTES) % RING_BYTES;
-    if (used + LENGTH_BYTES + text.length >= RING_BYTES) return false;
+    return this.put(JSON.stringify(message));
+  }
+
+  // Who writes: a message that is JSON already.
+  put(json) {
+    const text = new TextEncoder().encode(json), head = this.numbers[HEAD], size = this.ring.length;
+    const used = (head - Atomics.load(this.numbers, TAIL) + size) % size;
+    if (used + LENGTH_BYTES + text.length >= size) return false;
     const length = new Uint8Array(new Uint32Array([text.length]).buffer);
-    [...length, ...text].forEach((byte, i) => (this.ring[(head + i) % RING_BYTES] = byte));
-    Atomics.store(this.numbers, HEAD, (head + LENGTH_BYTES + text.length) % RING_BYTES);
+    [...length, ...text].forEach((byte, i) => (this.ring[(head + i) % size] = byte));
+    Atomics.store(this.numbers, HEAD, (head + LENGTH_BYTES + text.length) % size);
     this.signal();
     return true;
   }
@@ -40,6 +47,20 @@ export class Mailbox {
     Atomics.notify(this.numbers, SIGNAL);
   }
 
+  // One worker to another: a message, once there is room for it. Nothing is kept for who reads no more.
+  tell(json) {
+    while (!this.isClosed && !this.put(json)) Atomics.wait(this.numbers, TAIL, Atomics.load(this.numbers, TAIL), LATER_MS);
+  }
+
+  get isClosed() {
+    return Atomics.load(this.numbers, CLOSED) === 1;
+  }
+
+  close() {
+    Atomics.store(this.numbers, CLOSED, 1);
+    this.signal();
+  }
+
   // Before a run: what was meant for the last one is forgotten.
   empty() {
     Atomics.store(this.numbers, TAIL, Atomics.load(this.numbers, HEAD));
@@ -51,8 +72,8 @@ export class Mailbox {
     let tail = this.numbers[TAIL];
     if (head === tail) return "";
     const bytes = (count) => {
-      const copy = Uint8Array.from({ length: count }, (_, i) => this.ring[(tail + i) % RING_BYTES]);
-      tail = (tail + count) % RING_BYTES;
+      const copy = Uint8Array.from({ length: count }, (_, i) => this.ring[(tail + i) % this.ring.length]);
+      tail = (tail + count) % this.ring.length;
       return copy;
     };
     while (tail !== head) {

@@ -11,13 +11,13 @@ import { withPicture } from "./picture.js";
 
 const HOUSES = "/houses", PATIENCE_MS = 50, ROW = 8;
 const say = (kind, values = {}, transfer = []) => postMessage({ kind, ...values }, transfer);
-let python = null, runInTab = null, bodyInTab = null, readJson = null, mailbox = null;
+let python = null, runInTab = null, runInRoom = null, bodyInTab = null, readJson = null, mailbox = null;
 let mujoco = null, physics = null; // a promise of MuJoCo, and the physics of a robot that was chosen
 let hasKits = false;
 let hubMailbox = null, realHub = null; // once a hub is connected
 let poses = []; // of the frames since the last post
 
-// What Python calls; see tab/page.py.
+// What Python calls; see tab/recorder.py.
 const page = {
   frame: () => physics && poses.push(physics.poses()),
   post(events, rows) {
@@ -63,6 +63,7 @@ async function start({ memory, hubMemory, interrupt, needsPhysics }) {
   const run = python.pyimport("bricktwin.site.tab.run");
   run.heed_stops_in_runs_only();
   runInTab = run.run_in_tab;
+  runInRoom = run.run_in_room;
   bodyInTab = python.pyimport("bricktwin.site.tab.robot_file").body_in_tab;
   readJson = python.pyimport("json").loads;
   say("ready");
@@ -80,16 +81,33 @@ function withPoses(rows) {
   return frames;
 }
 
-async function run({ robot, picture, ...request }) {
+// Other hubs of a room, as Python sees them; see tab/room.py. `told`, `heard`: memories of mailboxes.
+function othersOf({ told, heard }) {
+  const out = told.map((memory) => new Mailbox(memory)), into = heard.map((memory) => new Mailbox(memory));
+  return {
+    tell: (deeds) => out.forEach((box) => box.tell(deeds)),
+    hear(number, longest_ms) {
+      into[number].wait(longest_ms);
+      return into[number].take();
+    },
+  };
+}
+
+async function run({ robot, picture, boxes, ...request }) {
   physics?.end();
   physics = null;
-  let body;
+  let body, file;
   if (robot) {
     const plain = await (await fetchPacked(new URL(robot, import.meta.url).href)).json();
-    const file = picture ? withPicture(plain, picture) : plain;
+    file = picture ? withPicture(plain, picture) : plain;
     mujoco ??= loadMujoco();
     physics = new Physics(await mujoco, file);
-    body = bodyInTab(readJson(JSON.stringify(file.robot)), physics.engine);
+    if (!boxes) body = bodyInTab(readJson(JSON.stringify(file.robot)), physics.engine);
+  }
+  if (boxes) {
+    const world = file && readJson(JSON.stringify(file.robot));
+    say("ended", { code: runInRoom(JSON.stringify(request), page, othersOf(boxes), world, physics?.engine) });
+    return;
   }
   if (request.files) await fetchKits(request.files[request.name]);
   const act = request.goal ? python.pyimport("bricktwin.site.tab.teach").teach_in_tab : runInTab;

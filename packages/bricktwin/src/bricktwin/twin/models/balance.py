@@ -29,6 +29,8 @@ TIPS_DEG = 12.0
 """Tilt above which a robot does not stand as it was drawn. Below, it may lean on a skid."""
 FALLS_DEG = 45.0
 """Tilt above which it does not come back."""
+MOST_LEAN_DEG = 15.0
+"""So far off upright, the wheels of a robot on one axle cannot get below it any more."""
 _STEPS_DEG = (3.0, 1.0)
 """Steps in which it tips, first coarse, then fine."""
 _DIRECTIONS = 24
@@ -79,15 +81,18 @@ class Balance:
     lean_deg: float | None = None
 
     @property
+    def can_balance(self) -> bool:
+        """Whether the motors can keep it upright on one axle."""
+        return self.lean_deg is not None and abs(self.lean_deg) <= MOST_LEAN_DEG
+
+    @property
     def fault(self) -> str | None:
         """Why it does not stand, and what to do; ``None`` if it does."""
         beyond, remedy = _BEYOND[self.side]
         stands_on = "wheels" if self.on_wheels else "feet"
         place = f"{-self.inside_mm:.0f} mm {beyond} {stands_on}"
         where = f"its centre of mass, {self.height_mm:.0f} mm high, is {place}"
-        upright = ""
-        if self.lean_deg is not None:
-            upright = ", or let it learn to keep upright"
+        upright = ", or let it learn to keep upright" if self.can_balance else ""
         if self.tilt_deg > TIPS_DEG:
             support = "add a caster" if self.on_wheels else "make its feet longer there"
             tips = f"tips over {self.side} by {self.tilt_deg:.0f} degrees"
@@ -105,7 +110,7 @@ class Balance:
         if self.fault is None:
             return []
         # Who falls by itself may be kept upright by its motors.
-        outcome = Outcome.ERROR if self.lean_deg is None else Outcome.WARNING
+        outcome = Outcome.WARNING if self.can_balance else Outcome.ERROR
         return [Finding("balance", outcome, self.fault)]
 
     def __str__(self) -> str:

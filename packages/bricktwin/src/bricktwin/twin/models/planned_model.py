@@ -146,6 +146,12 @@ class _Builder:
                 f"{placed.name} is not connected to the main body; add a pin or an axle, or "
                 "remove it"
             )
+            # What a part holds that the catalogue lacks, nobody knows, so it may be the reason.
+            for unknown in planned.plan.unknown[:1]:
+                fault += (
+                    f"; or replace {unknown.number} (line {unknown.lines[0]}), which may hold it "
+                    "and is not in the catalogue"
+                )
             raise TwinError(f"{planned.plan.path}, line {placed.line}: {fault}")
         self.bodies: dict[int, mujoco.MjsBody] = {}
         self.origins: dict[int, Floats] = {0: self._origin()}

@@ -12,6 +12,7 @@ import shutil
 import sys
 import weakref
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NoReturn
@@ -383,6 +384,9 @@ class VideoWriter(contextlib.AbstractContextManager["VideoWriter"]):
         self.path = Path(path)
         check_writable(self.path)
         self._fps = fps
+        # Python raises Ctrl-C in the main thread, and in the middle of an image it would kill the
+        # encoder, and with it the film so far. So another thread talks to the encoder.
+        self._thread: ThreadPoolExecutor | None = None
         self._file: Any = None
         self._part: Path | None = None
         self._size: tuple[int, ...] = ()
@@ -395,15 +399,17 @@ class VideoWriter(contextlib.AbstractContextManager["VideoWriter"]):
             raise TwinError(
                 f"the film {self.path} is finished and takes no more images; write another one"
             )
-        if self._file is None:
-            self._open(frame)
-        if frame.shape != self._size or frame.dtype != np.uint8:
+        size = self._size or frame.shape
+        if frame.shape != size or frame.dtype != np.uint8:
             raise TwinError(
-                f"a frame is {frame.dtype} {frame.shape}, the first was uint8 {self._size}; give "
+                f"a frame is {frame.dtype} {frame.shape}, the first was uint8 {size}; give "
                 "frames of one size"
             )
         try:
-            self._file.send(np.ascontiguousarray(frame))
+            if self._file is None:
+                self._open(frame)
+            else:
+                self._in_thread(self._file.send, np.ascontiguousarray(frame))
         except (OSError, StopIteration):
             # The encoder has ended, most likely because the disk is full.
             self._file = None
@@ -429,8 +435,19 @@ class VideoWriter(contextlib.AbstractContextManager["VideoWriter"]):
             macro_block_size=2,
             ffmpeg_log_level="quiet",
         )
-        # This runs the generator up to its first `yield`, where it takes images.
+        self._thread = ThreadPoolExecutor(1, thread_name_prefix="bricktwin-film")
+        # This runs the generator up to its first `yield`, where it takes images. The first image
+        # follows in the same go, as the encoder makes no film of none.
+        self._in_thread(self._begin, np.ascontiguousarray(frame))
+
+    def _begin(self, frame: Image) -> None:
         self._file.send(None)
+        self._file.send(frame)
+
+    def _in_thread(self, call: Callable[..., object], *arguments: object) -> None:
+        """Call this after what was called before, and wait for it. Raises what it raises."""
+        assert self._thread is not None  # noqa: S101  it begins with the encoder
+        self._thread.submit(call, *arguments).result()
 
     def close(self, *, complete: bool = True) -> None:
         """Finish and rename the file, or delete it if it is not ``complete``; closing twice does
@@ -441,7 +458,7 @@ class VideoWriter(contextlib.AbstractContextManager["VideoWriter"]):
         if file is None or self._part is None:
             return
         try:
-            file.close()
+            self._in_thread(file.close)
             if complete:
                 if not _is_whole(self._part):
                     self._fail()
@@ -449,6 +466,8 @@ class VideoWriter(contextlib.AbstractContextManager["VideoWriter"]):
                     put_in_place(self._part, self.path)
         finally:
             self._part.unlink(missing_ok=True)
+            if self._thread is not None:
+                self._thread.shutdown(wait=False)
 
     def _fail(self) -> NoReturn:
         """Raise WriteError, with what is probably the reason: the encoder says none."""
