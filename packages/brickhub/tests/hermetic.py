@@ -24,6 +24,9 @@ if "BRICKS_TESTS_CACHE" not in os.environ:
 # Before torch is imported, and inherited by the commands that tests start: tests share their cores.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
+# What tests start buffers its output, as it does for a user.
+os.environ.pop("PYTHONUNBUFFERED", None)
+
 # The most that tests leave is freed without a search for cycles.
 gc.set_threshold(50_000)
 

@@ -112,6 +112,22 @@ def test_unread_output_ends_quietly(command: str, output: str) -> None:
     assert (done.stdout, done.stderr) == ("", "")
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="a file that is always full, beyond POSIX")
+@pytest.mark.parametrize("unbuffered", ["", "1"])
+def test_output_that_cannot_be_written_is_told(unbuffered: str) -> None:
+    line = f"{shlex.quote(sys.executable)} -m brickhub --help > /dev/full"
+    done = subprocess.run(
+        ["sh", "-c", line],
+        env={**os.environ, "PYTHONUNBUFFERED": unbuffered},
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    said = "error: No space left on device; make room on the disk\n"
+    assert (done.returncode, done.stderr) == (2, said)
+
+
 def test_second_ctrl_c_at_the_end_is_quiet() -> None:
     interrupted = "import atexit, signal; atexit.register(signal.raise_signal, signal.SIGINT); "
     done = process(

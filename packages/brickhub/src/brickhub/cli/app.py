@@ -64,17 +64,7 @@ def run(
     """Parse the arguments and run the command; a `BricksError` becomes one line on standard error.
     ``begin`` is called with it right before the command is executed."""
     try:
-        if list(arguments) == ["--version"]:
-            print_line(f"{line.prog} {line.version}")
-            return 0
-        if not arguments or arguments[0] == "help":
-            arguments = [*command_words(line, arguments[1:]), "--help"]
-        command = parse(line, arguments)
-        check_fields(type(command), vars(command))
-        check_existing(command)
-        if begin is not None:
-            begin(command)
-        return command.execute() or 0
+        return _execute(line, arguments, begin)
     except Interrupted as end:
         if str(end):
             print_note(f"interrupted: {end}")
@@ -85,10 +75,9 @@ def run(
         print_error(str(error))
         return 2
     except OSError as error:
+        _drop_unwritten()
+        # Nobody reads any more.
         if _is_unread(error):
-            # Nobody reads any more, but what Python writes at its end must not fail a second time.
-            nowhere = os.open(os.devnull, os.O_WRONLY)
-            os.dup2(nowhere, sys.stdout.fileno())
             return 1
         print_error(_message_of_system(error))
         return 2
@@ -104,6 +93,43 @@ def run(
             raise
         print_error(message)
         return 2
+
+
+def _execute(
+    line: CommandLine,
+    arguments: Sequence[str],
+    begin: Callable[["ParsedCommand"], None] | None,
+) -> int:
+    """Parse the arguments, run the command, and write what is buffered; raises what the command
+    raises, SystemExit for its help."""
+    try:
+        if list(arguments) == ["--version"]:
+            print_line(f"{line.prog} {line.version}")
+            code = 0
+        else:
+            if not arguments or arguments[0] == "help":
+                arguments = [*command_words(line, arguments[1:]), "--help"]
+            command = parse(line, arguments)
+            check_fields(type(command), vars(command))
+            check_existing(command)
+            if begin is not None:
+                begin(command)
+            code = command.execute() or 0
+    except SystemExit:
+        sys.stdout.flush()
+        raise
+    # Python would do it at its end, and say what fails then in words of its own.
+    sys.stdout.flush()
+    return code
+
+
+def _drop_unwritten() -> None:
+    """Drop what cannot be written: what Python writes at its end must not fail a second time."""
+    try:
+        sys.stdout.flush()
+    except OSError:
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, sys.stdout.fileno())
 
 
 def _message_of_system(error: OSError) -> str:
