@@ -114,6 +114,9 @@ class StreamConsole:
         self._machine.charge_call()
         try:
             self._stdout.write(data.replace(b"\r\n", b"\n"))
+            # In real time somebody watches; what is simulated at once is written at once.
+            if self._machine.pace is not None:
+                self._stdout.flush()
         except OSError as error:
             # The reader has left, or the disk is full. To the program it would be its own OSError.
             raise _OutputFailed(error) from error
