@@ -14,17 +14,13 @@ from bricksrl.page.robot_view import SPEEDS, RobotView
 from bricksrl.page.server import PageOptions, PageServer, chosen
 from bricksrl.page.visitors import Visitor
 from bricktwin.twin.mujoco_arena import ArenaWorld
-from bricktwin.view.drawing_of_body import View
+from bricktwin.view.around import view_around
 from bricktwin.view.mirror import Mirror
 
 _MAX_CHARACTERS = 8000
 """Length of the shown end of what a program prints."""
 _POLL_S = 0.2
 _RELOAD_S = 3.0
-_AROUND_M = 1.0
-"""Distance of a camera from several robots, beyond that of the outer ones from one another."""
-_FROM_BEHIND_DEG = -150.0
-_FROM_ABOVE_DEG = 35.0
 
 
 class Told:
@@ -149,15 +145,5 @@ class ProgramPage(PageServer):
 
 def _mirror_of(world: ArenaWorld) -> Mirror:
     """Mirror of several robots, seen from behind and above."""
-    places = [body.pose() for body in world.bodies]
-    xs_m = [place.x_m for place in places]
-    ys_m = [place.y_m for place in places]
-    middle = ((min(xs_m) + max(xs_m)) / 2, (min(ys_m) + max(ys_m)) / 2, 0.0)
-    width_m = max(max(xs_m) - min(xs_m), max(ys_m) - min(ys_m))
-    view = View(
-        middle,
-        width_m + _AROUND_M,
-        _FROM_BEHIND_DEG,
-        _FROM_ABOVE_DEG,
-    )
+    view = view_around([body.pose() for body in world.bodies])
     return Mirror(ArenaWorld(world.arena).bodies[0], view)

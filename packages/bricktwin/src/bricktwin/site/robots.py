@@ -1,7 +1,7 @@
 """Robots of a site: for each robot and world a file with its physics and how it is drawn."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from itertools import combinations_with_replacement
 from pathlib import Path
 from typing import Any
@@ -23,6 +23,7 @@ from bricktwin.twin.models.balance import lean_on_one_axle_deg
 from bricktwin.twin.mujoco_arena import ArenaWorld
 from bricktwin.twin.mujoco_body import MujocoBody
 from bricktwin.twin.scene import OPEN_FLOOR, Scene
+from bricktwin.view.around import view_around
 from bricktwin.view.body_drawing import drawing_of
 from bricktwin.view.drawing_of_body import poses
 from bricktwin.worlds import WORLDS, world
@@ -41,8 +42,6 @@ _MESHES = "meshes.json"
 _TOGETHER = "together"
 _BEHIND = {"distance_m": 1.1, "yaw_deg": -150.0, "pitch_deg": 34.0}
 """View of a robot in a world: from behind it, so that what is before it is seen."""
-_AROUND = {"target": (0.0, 0.25, 0.05), "distance_m": 1.6, "yaw_deg": -150.0, "pitch_deg": 35.0}
-"""View of two robots that stand side by side, from behind them."""
 _FEWER_WORLDS = {"ev3-driver": ("wall", "line-simple", "maze")}
 """Worlds of robots that are offered fewer than all drivers are: all of them, for one robot more,
 would be more than what the site may transfer, 12 MB."""
@@ -118,7 +117,7 @@ def write_together(site: Path, robots: Sequence[Robot]) -> list[dict[str, Any]]:
         described["meshes"] = [
             meshes.index(mesh) if mesh in meshes else mesh for mesh in described["meshes"]
         ]
-        described["view"].update(_AROUND, follow=None)
+        described["view"] = asdict(view_around([one.pose() for one in shared.bodies]))
         names = [robot.name for robot in pair]
         first, second = map(as_file_name, names)
         path = f"robots/{_TOGETHER}/{first}_and_{second}.json"
