@@ -13,8 +13,9 @@ from pathlib import Path
 from types import FrameType
 from typing import Any, BinaryIO, TextIO
 
-from brickhub.errors import TwinError
+from brickhub.errors import ProgramError, TwinError
 from brickhub.files import reading, write_durably
+from brickhub.hub.program.compile import compile_program, program_blob
 from brickhub.hub.program.imported_hub import imported_hub
 from brickhub.hub.program.lego_languages import language_note
 from brickhub.hub.program.pybricks2 import outdated_note
@@ -26,7 +27,7 @@ from brickhub.hub.program.run_program import (
     time_limit_note,
 )
 from brickhub.hub.transport import HubProgram, as_typed
-from brickhub.robot import MotorKind, SensorKind
+from brickhub.robot import AnyHub, MotorKind, SensorKind
 from brickhub.robot.hardware import USUAL_HUB_NAME
 from brickhub.virtual import error_numbers
 from brickhub.virtual.bench_body import FittedBench
@@ -258,6 +259,7 @@ def run_file(
         operation.watch(machine.panel)
     if operation.attend is not None:
         operation.attend(machine)
+    _check_size(program, machine.robot.hub)
     console = StreamConsole(machine, stdin, stdout)
     try:
         return _run(
@@ -368,6 +370,20 @@ def _run(
         machine.stop_motors()
         stdout.flush()
     return 0
+
+
+def _check_size(program: HubProgram, hub: AnyHub) -> None:
+    """Raises ProgramError if a program is larger than a hub takes."""
+    sources = [program.source, *(module.source for module in program.modules)]
+    # Compiling takes a moment, and what is compiled is hardly ever longer than its text.
+    if 2 * sum(map(len, sources)) <= hub.model.program_bytes:
+        return
+    try:
+        compiled = compile_program(program)
+    except ProgramError:
+        # Its run says what is wrong with it, as a hub does.
+        return
+    program_blob(compiled, hub)
 
 
 def _module_hint(error: BaseException, path: Path) -> str:
