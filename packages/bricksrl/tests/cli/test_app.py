@@ -214,8 +214,7 @@ def test_missing_docstrings_print_one_line():
         ),
         (
             "train RunAway-v0 --robot ev3-driver",
-            "Unrecognized options: --robot, ev3-driver (say --option robot=NAME, of tasks that "
-            "more than one robot can do)",
+            "Unrecognized options: --robot, ev3-driver (say --option robot=NAME)",
         ),
         ("compare runs/a --robot ev3-driver", "Unrecognized options: --robot, ev3-driver"),
         ("trian", "there is no command trian (did you mean 'train'?)"),
