@@ -18,6 +18,7 @@ from bricksrl.errors import HubError, StoppedError
 from bricksrl.page.live import LivePage, PageDriver
 from bricksrl.page.robot_view import SPEEDS
 from bricksrl.page.visitors import AWAY_S, Visitor
+from bricksrl.policies.by_name import scores_to_beat
 
 TASK = get_task("RunAway-v0")
 AT_ONCE = ["stop", "pause", "reset", "step", "speed", "pull"]
@@ -37,6 +38,10 @@ class Robot(BricksEnv):
     @property
     def is_paused(self) -> bool:
         return self.paused
+
+    @property
+    def has_stopped(self) -> bool:
+        return "confirmed" in self.told
 
     def stop(self) -> None:
         self.told.append("stop")
@@ -80,6 +85,7 @@ def test_page_begins_with_titles_goal_and_choices() -> None:
     assert (status["state"], status["speed"], status["policy"]) == ("running", "max", "agent")
     assert (status["speeds"], status["policies"]) == (list(SPEEDS), ["random", "agent"])
     assert status["goal"] == TASK.summary and status["has_ghost"] is False
+    assert status["scores"] == scores_to_beat("RunAway-v0") and status["scores"]
     assert page.board.series["channels"].names[-1] == "distance (mm)"
     assert set(page.board.series) == {"return", "reward", "channels"}
     bare = shown(LivePage("Mine"))
@@ -280,6 +286,7 @@ def test_stop_reaches_run_and_robot_and_only_a_reset_lets_it_go_on() -> None:
     page._press("reset", None)
     page.stop()
     assert stopped == [1] and robot.told == ["stop"] and page.is_stopped
+    assert page.has_stopped() is False, "which only the robot can say"
     assert shown(page)["state"] == "stopped" and not page.is_reset_requested
     assert page.driver is not None and page.driver.pushes == [0.0]
     page._press("pause", None)
@@ -430,6 +437,8 @@ def test_pushes_become_commands_in_their_units() -> None:
     assert driver.pushes == [0.5, 1.0, -1.0] and driver.actions() == [30.0, 150.0, -90.0]
     driver.release()
     assert driver.pushes == [0.0] * 3
+    resting = PageDriver((Entry("lift", 0.0, 90.0, "deg"), Entry("leg", -100.0, 0.0, "deg")))
+    assert resting.described()["moving"] == []
     boundless = PageDriver((Entry("power", -math.inf, math.inf),))
     assert boundless.push([0.5]) and boundless.actions() == [0.5]
     assert not boundless.in_charge and boundless(torch.zeros(1)) is None
