@@ -239,6 +239,44 @@ def test_robots_get_weights_before_they_are_told_to_go_on(tmp_path: Path, is_pac
     assert stub.log == [("send_weights", ({"w": 1},)), *[("go", 0)] * is_paced]
 
 
+def test_run_starts_when_the_first_robot_acts(tmp_path: Path) -> None:
+    fleet, stub = stub_fleet(tmp_path, 2)
+    fleet._is_started = True
+    one, two = stub.members
+    events: list[Any] = [
+        (one, "ready", None),
+        None,
+        (two, "ready", None),
+        (two, "place", None),
+        (two, "begun", About()),
+        (one, "begun", About()),
+    ]
+    stub.next_event = lambda _timeout_s: events.pop(0)  # type: ignore[attr-defined]
+    fleet.signals = cast("Any", SimpleNamespace(at_once=torch.no_grad, requested=False))
+    fleet.start()
+    assert len(events) == 1 and two.state is RobotState.ACTING, "the others follow"
+    one.state = two.state = RobotState.STARTING
+    events[:] = [None]
+    fleet.signals = cast("Any", SimpleNamespace(at_once=torch.no_grad, requested=True))
+    with pytest.raises(KeyboardInterrupt):
+        fleet.start()
+
+
+def test_episode_that_has_ended_is_counted_once(tmp_path: Path) -> None:
+    """Until the run has counted it, the next one must not be one too many."""
+    fleet, stub = stub_fleet(tmp_path, 1, episodes=2)
+    member = stub.members[0]
+    fleet._is_started = True
+    fleet._handle((member, "ready", None))
+    fleet.playing[0].length = 1
+    events: list[Any] = [(member, "ended", (True, {}, False, False)), None]
+    stub.next_event = lambda _timeout_s: events.pop(0)  # type: ignore[attr-defined]
+    reports = fleet.events()
+    assert isinstance(next(reports), Ended) and fleet._unsaved == 1
+    next(reports)
+    assert fleet._unsaved == 0
+
+
 def test_episode_lost_before_its_first_step_is_played_again_as_it_was(tmp_path: Path) -> None:
     loop: Any = Loop.__new__(Loop)
     loop.config, loop.prefill_episodes, loop.episodes, loop._started, loop._numbers_again = (
