@@ -171,13 +171,16 @@ def test_comparison_says_where_chance_decides(
     says: bool,
 ) -> None:
     """Between two agents with few seeds, and of none for a single one."""
-    for agent in ("sac", "td3")[:agents]:
-        for seed in range(seeds):
-            folder = RunFolder(tmp_path / agent / str(seed))
-            folder.path.mkdir(parents=True)
-            folder.write_config(TrainConfig("Walker-v0", agent, seed=seed))
-            folder.write_episodes([Episode(1, Phase.TRAIN, 1200, 10, -1.0 - seed, None)])
-    print_comparison(compare([tmp_path / agent for agent in ("sac", "td3")[:agents]]))
+    paths = [
+        tmp_path / agent / str(seed) for agent in ("sac", "td3")[:agents] for seed in range(seeds)
+    ]
+    for path in paths:
+        folder = RunFolder(path)
+        path.mkdir(parents=True)
+        seed = int(path.name)
+        folder.write_config(TrainConfig("Walker-v0", path.parent.name, seed=seed))
+        folder.write_episodes([Episode(1, Phase.TRAIN, 1200, 10, -1.0 - seed, None)])
+    print_comparison(compare(paths))
     said = " ".join(capsys.readouterr().out.split())
     assert ("chance with so few: train 5 seeds of each (`--seeds 5`)" in said) == says
     assert ("beats" in said) == (seeds == 5) and "1,200" in said

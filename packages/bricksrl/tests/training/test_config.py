@@ -16,6 +16,7 @@ from bricksrl.agents import AGENTS, preset
 from bricksrl.agents.sac import SACSettings
 from bricksrl.errors import DescriptionError, RunError
 from bricksrl.training import TrainConfig
+from bricktwin.twin.physics import Physics, write_physics
 
 
 @given(
@@ -187,7 +188,7 @@ def test_what_excludes_what(alone: dict[str, Any], together: dict[str, Any]) -> 
 def test_physics_of_a_file_are_kept_as_numbers(tmp_path: Path) -> None:
     """A later version of the file trains in the same world."""
     file = tmp_path / "twin.json"
-    file.write_text(json.dumps(Physics(battery_v=6.5).to_dict()))
+    write_physics(file, Physics(battery_v=6.5))
     config = TrainConfig("RunAway-v0", physics=file)
     file.unlink()
     assert isinstance(config.physics, Physics) and config.physics.battery_v == 6.5

@@ -5,10 +5,11 @@ from __future__ import annotations
 import threading
 from dataclasses import replace
 from pathlib import Path
-from typing import get_args
+from typing import Any, get_args
 
 import pytest
 import torch
+from tensordict import TensorDict
 
 from bricksrl.envs.arenas import make_arena
 from bricksrl.envs.arenas.arena_task import ArenaState
