@@ -183,7 +183,7 @@ def test_comparison_says_where_chance_decides(
     print_comparison(compare(paths))
     said = " ".join(capsys.readouterr().out.split())
     assert ("chance with so few: train 5 seeds of each (`--seeds 5`)" in said) == says
-    assert ("beats" in said) == (seeds == 5) and "1,200" in said
+    assert ("with probability" in said) == (seeds == 5) and "1,200" in said
     assert ("needs 5 seeds" in said) == (seeds < 5)
 
 

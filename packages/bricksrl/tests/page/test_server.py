@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import urllib.error
 import urllib.request
@@ -90,6 +91,39 @@ def test_page_that_is_closed_twice_serves_no_more() -> None:
         with pytest.raises(urllib.error.URLError):
             urllib.request.urlopen(served.url, timeout=1.0)
     PageServer(Board(), lambda *_: None, lambda: None).close()
+
+
+def test_poses_come_at_each_frame_and_numbers_five_times_a_second(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    page = PageServer(Board(), lambda *_: None, lambda: None)
+    ada, now_s, sent = page.visitors.arrive("a", "Ada"), [0.0], list[list[Any]]()
+
+    class Connection:
+        async def send(self, message: str | bytes) -> None:
+            sent[-1].append("poses" if isinstance(message, bytes) else json.loads(message))
+
+    async def next_frame(seconds: float) -> None:
+        assert seconds == servers.FRAME_S
+        if len(sent) == 10:
+            raise asyncio.CancelledError
+        now_s[0] += 0.06
+        sent.append([])
+        page.board.show_poses(poses([[0, 0, len(sent)]]))
+        page.board.update_status(frame=len(sent))
+        ada.note = "Ben asks for it." if len(sent) > 6 else ""
+
+    monkeypatch.setattr(servers.time, "monotonic", lambda: now_s[0])
+    monkeypatch.setattr(servers.asyncio, "sleep", next_frame)
+    sent.append([])
+    with pytest.raises(asyncio.CancelledError):
+        page._send_changes(Connection(), ada).send(None)  # type: ignore[arg-type]
+    monkeypatch.undo()
+    assert sent[0] == [{"you": {"name": "Ada", "note": ""}}, {"status": {}}]
+    for number, messages in enumerate(sent[1:], 2):
+        said = [{"you": {"name": "Ada", "note": "Ben asks for it."}}] if number == 7 else []
+        status = [{"status": {"frame": number}}] if number in (5, 9) else []
+        assert messages == [*said, "poses", *status], number
 
 
 # ---------------------------------------------------------------- emergency stop
