@@ -7,6 +7,7 @@ import json
 import urllib.error
 import urllib.request
 from collections.abc import Iterator
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -83,6 +84,24 @@ def test_visitors_are_told_to_who_has_the_token(page: PageServer) -> None:
     with pytest.raises(urllib.error.HTTPError, match="403"):
         urllib.request.urlopen(page.url.partition("?")[0])
     assert not page.is_watched
+
+
+def test_only_so_many_tabs_look_at_a_page(
+    page: PageServer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _, _, host, rest = page.url.split("/")
+    headers = {"Host": host, "Origin": f"http://{host}"}
+    request: Any = SimpleNamespace(path=f"/ws{rest}", headers=headers)
+
+    def respond(status: int, _text: str) -> SimpleNamespace:
+        return SimpleNamespace(status=status, headers={})
+
+    connection: Any = SimpleNamespace(respond=respond)
+    monkeypatch.setattr(page, "_connections", servers._MAX_CONNECTIONS - 1)
+    assert page._answer(connection, request) is None and page.is_watched
+    monkeypatch.setattr(page, "_connections", servers._MAX_CONNECTIONS)
+    answer: Any = page._answer(connection, request)
+    assert (answer.status, answer.body) == (503, b"too many tabs look at this page\n")
 
 
 def test_page_that_is_closed_twice_serves_no_more() -> None:
