@@ -290,7 +290,7 @@ def test_options_in_a_dataset_are_of_its_task(stranger: Path) -> None:
     assert found.kwargs == {"env_id": "RunAway-v0", "ends_at_wall": False}
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="temporary files belong to the user there")
+@pytest.mark.skipif(sys.platform == "win32", reason="rights of POSIX")
 def test_folder_that_others_can_write_to_says_nothing_of_trust(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
