@@ -65,6 +65,14 @@ def test_each_mistake_has_its_line(findings, lines, kind, number, says):
     assert any(says in one.detail for one in found), findings(*lines)
 
 
+def test_what_swings_together_is_named_at_its_first_line(findings):
+    # The two beams that are pinned twice are the main body, and the first one swings on it.
+    second = line("32316", 0, 40, 0)
+    (found,) = findings(*HELD[:3], second, pin(0, 30, 0), pin(0, 30, -40))
+    assert found.line == 1
+    assert found.detail.startswith("Beam 5 (32316), Pin with friction (2780) can swing")
+
+
 def test_free_beam_is_allowed(findings):
     assert findings(BEAM, "0 !BRICKSRL FREE", FRAME, pin(0, 10, 20)) == []
 
