@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
@@ -35,3 +36,15 @@ def assert_fails(done: Done, says: str) -> None:
     assert (done.code, done.out) == (2, "")
     assert re.fullmatch(r"error: [^\n]+\n", done.err), done.err
     assert says in done.err
+
+
+def assert_explained(text: str) -> None:
+    """Expect that the help of a command has a placeholder of ours for each value, and words on each
+    option."""
+    assert not re.search(r"\b(INT|STR|PATH|FLOAT|BOOL)\b|\{None", text), text
+    said = re.sub(r"\((?:required|default: .*)\)", "", text)
+    lines = [line for line in said.splitlines() if line.startswith("│")]
+    for line, after in itertools.pairwise([*lines, "│ "]):
+        names_an_option = line[2] != " "
+        goes_on = after.startswith("│  ")
+        assert not names_an_option or "  " in line.strip("│ ") or goes_on, f"no words on {line}"
