@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import re
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
@@ -42,9 +41,9 @@ def assert_explained(text: str) -> None:
     """Expect that the help of a command has a placeholder of ours for each value, and words on each
     option."""
     assert not re.search(r"\b(INT|STR|PATH|FLOAT|BOOL)\b|\{None", text), text
-    said = re.sub(r"\((?:required|default: .*)\)", "", text)
-    lines = [line for line in said.splitlines() if line.startswith("│")]
-    for line, after in itertools.pairwise([*lines, "│ "]):
-        names_an_option = line[2] != " "
-        goes_on = after.startswith("│  ")
-        assert not names_an_option or "  " in line.strip("│ ") or goes_on, f"no words on {line}"
+    boxed = "\n".join(line.strip("│") for line in text.splitlines() if line.startswith("│"))
+    for told in re.split(r"\n (?=\S)", f"\n{boxed}")[1:]:
+        _, _, words = told.strip().partition("  ")
+        said = re.sub(r"\((?:required|default: .*)\)", "", words)
+        # Of what nobody describes, only the name is said.
+        assert len(said.split()) > 1, f"nothing is said of {told}"
