@@ -252,7 +252,10 @@ def test_the_last_page_says_which_cable_goes_where(coarse):
 
 def test_pages_for_a_browser_say_in_words_what_they_show(coarse):
     item = Item(picture_of(plan_of(BEAM)), 2, "Beam & pin")
-    pages = [Page("1", "First <this>.", items=(item,)), Page("Cables", "", lines=("Port A: 'left'",))]
+    pages = [
+        Page("1", "First <this>.", items=(item,)),
+        Page("Cables", "", lines=("Port A: 'left'",)),
+    ]
     text = sheets._html(plan_of("0 <Cart>", BEAM), pages).decode()
     assert "<title>&lt;Cart&gt;</title>" in text
     assert re.findall(r'<section><img alt="(.*?)" src="data:image/png;base64,iVBOR', text) == [

@@ -89,6 +89,7 @@ def test_a_worn_motor_on_the_bench_is_found() -> None:
     numbers, errors = zip(*told, strict=True)
     assert numbers == tuple(range(1, found.replays + 1))
     assert list(errors) == sorted(errors, reverse=True), "the smallest so far"
+    assert errors[-1] < 0.1 < errors[0] < 100.0
 
 
 @pytest.mark.slow
