@@ -94,8 +94,8 @@ def run_in_room(
     """Run the program of one of several hubs, each in a worker of its own; returns the exit code.
 
     Args:
-        request_text: JSON as of `run_in_tab`, with ``seat``: ``number`` of the hub, ``programs`` of
-            all of them, and ``order``, the number in the file of each hub's robot.
+        request_text: JSON as of `run_in_tab`, with ``seat``: ``number`` of the hub, and
+            ``programs`` of all of them.
         page: the page.
         others: the other workers.
         file: of the robots that share a world; ``None`` for benches.
@@ -105,7 +105,7 @@ def run_in_room(
     seat = Seat(others, place["number"], place["programs"])
     body = None
     if file is not None:
-        body = seat.enter(shared_world(file, place["order"], JsEngine(handle)))
+        body = seat.enter(shared_world(file, JsEngine(handle)))
     return run_in_tab(request_text, page, body, seat)
 
 
