@@ -99,7 +99,7 @@ def sharing_file(robot: Robot) -> dict[str, Any]:
         "robot": plain(_without_folders(robot)),
         "sections": sections,
         "motors": len(robot.motors),
-        **_numbers(compiled, file["mjcf"], file["fields"]),
+        **_numbers(file["mjcf"], file["fields"]),
     }
 
 
@@ -150,15 +150,11 @@ def world_file(scene: Scene) -> dict[str, Any]:
         "scene": plain(scene),
         "head": head,
         "sections": sections,
-        **_numbers(compiled, file["mjcf"], file["fields"]),
+        **_numbers(file["mjcf"], file["fields"]),
     }
 
 
-def _numbers(
-    compiled: mujoco.MjModel,
-    mjcf: str,
-    fields: dict[str, list[float]],
-) -> dict[str, Any]:
+def _numbers(mjcf: str, fields: dict[str, list[float]]) -> dict[str, Any]:
     """``fields``, and of all fields in which digits may be lost ``lengths``; ``heads`` says of
     kinds of parts how many are of the world's body, of how many."""
     written = mujoco.MjModel.from_xml_string(mjcf)

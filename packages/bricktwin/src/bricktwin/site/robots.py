@@ -18,9 +18,9 @@ from bricktwin.site.storing import read_packed_json, write_packed_json
 from bricktwin.site.tab.lessons import described as described_lesson
 from bricktwin.site.tab.lessons import lesson_for
 from bricktwin.twin.arena import COLORS, side_by_side
+from bricktwin.twin.engines.mujoco_engine import MujocoEngine
 from bricktwin.twin.make_body import lies_on_bench, make_body
 from bricktwin.twin.models.balance import lean_on_one_axle_deg
-from bricktwin.twin.engines.mujoco_engine import MujocoEngine
 from bricktwin.twin.mujoco_arena import ArenaWorld, world_spec
 from bricktwin.twin.mujoco_body import MujocoBody
 from bricktwin.twin.scene import OPEN_FLOOR, Scene

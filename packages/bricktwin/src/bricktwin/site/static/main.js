@@ -305,17 +305,23 @@ async function begin() {
 
   // Keep the programs of two hubs; returns their names.
   function addPair(...pair) {
-    return pair.map(({ name, source }) => {
-      programs.add(name, source);
+    return pair.map((example) => {
+      addExample(example);
       return programs.current;
     });
   }
 
+  // Keep an example, with the files of its devices; one that is there already may have been changed.
+  function addExample({ name, source, files }) {
+    for (const [file, text] of Object.entries(files)) if (!(file in programs.files)) programs.add(file, text);
+    programs.add(name, source);
+  }
+
   // An example brings the robot that it is for.
   function takeExample(example) {
-    const { name, source, robot, world } = example, other = hub.hasWayIn && partnerOf(example);
+    const { robot, world } = example, other = hub.hasWayIn && partnerOf(example);
     if (other) return void room.open(addPair(example, other), robot, world);
-    programs.add(name, source);
+    addExample(example);
     showProgram();
     if (robots.some((one) => one.name === robot) || robot === "bench") chooseRobot(robot, world ?? "");
   }
@@ -456,7 +462,7 @@ async function begin() {
     programs.add(shared.name ?? "shared.py", shared.source);
     history.replaceState(null, "", location.pathname + location.search);
     if (shared.robot) chooseRobot(shared.robot, shared.world ?? "");
-  } else if ((isNew || linked) && !partner) programs.add(first.name, first.source);
+  } else if ((isNew || linked) && !partner) addExample(first);
   showProgram();
   if (!hub.hasWayIn) note.standing = "This browser, or the address (it needs https), gives no way into a running program: sliders and buttons act from the next run on.";
   note(shared ? "This program came with the link. Look at it, then press Run." : "");

@@ -98,7 +98,7 @@ export class Room {
     // The worker of the last one goes: workers are of no program in particular.
     this.hubs.pop().leave();
     const [{ program, robot }] = this.seats;
-    Object.assign(this.programs, { current: program, robot });
+    Object.assign(this.programs, { current: program, robot, hub: 0 });
     if (!this.isShared) this.programs.hubs = [];
     this.on.changed();
     this.select(0);

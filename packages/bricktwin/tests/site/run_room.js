@@ -1,0 +1,32 @@
+// Page of a test: what a visitor sees in this browser who opens the address of an example for two hubs; it is told to the test's server.
+
+import { isolate } from "./isolation.js";
+
+const tell = (answer) => fetch("told", { method: "POST", body: JSON.stringify(answer) });
+const pause = (ms) => new Promise((done) => setTimeout(done, ms));
+const ENDED = /finished|error|stopped|failed/;
+
+async function visit() {
+  const frame = document.querySelector("iframe"), find = (selector) => frame.contentDocument.querySelector(selector);
+  // Where this page had to load itself once more, the frame's first visit is over, and the address alone opens it anew.
+  while (!find("#hubs [role=tab]") || !/running|ready/.test(find("#state")?.textContent)) await pause(100);
+  const opened = [...frame.contentDocument.querySelectorAll("#hubs [role=tab]")].map(({ textContent }) => textContent);
+  if (find("#state").textContent === "ready") find("#run").click();
+  while (!ENDED.test(find("#state").textContent)) await pause(100);
+  const [first, second] = frame.contentDocument.querySelectorAll("#hubs [role=tab]");
+  const shown = [];
+  for (const tab of [first, second]) {
+    tab.click();
+    shown.push(find("#programs").value);
+  }
+  return {
+    opened, shown, state: find("#state").textContent, printed: find("#console").textContent, robot: find("#robot").value,
+    isDrawn: !find("#view").textContent.includes("cannot be drawn"), note: find("#note").textContent,
+  };
+}
+
+try {
+  if (await isolate()) await tell({ browser: navigator.userAgent, isIsolated: crossOriginIsolated, visited: await visit() });
+} catch (error) {
+  await tell({ failed: String(error?.stack ?? error) });
+}
