@@ -80,7 +80,7 @@ def build_site(
             robots = (*robots, CART)
         index = write_robots(fresh, robots, drivers_worlds, _named_worlds(offered, policies))
         write_json(fresh / "robots.json", index)
-        write_json(fresh / "together.json", write_together(fresh, robots, drivers_worlds))
+        write_json(fresh / "together.json", write_together(fresh, robots, drivers_worlds, index))
         write_json(fresh / "programs.json", offered)
         write_json(fresh / "pybricks.json", pybricks_names())
         write_json(fresh / "devices.json", device_table())

@@ -103,11 +103,18 @@ def write_together(
     site: Path,
     robots: Sequence[Robot],
     worlds: Mapping[str, Scene],
+    known: Sequence[Mapping[str, Any]],
 ) -> dict[str, Any]:
     """Write what ``tab/together.py`` and ``together.js`` put together, beside the files of
     :func:`write_robots`: a file of each robot that can share a world, and of each world that can be
     shared. Returns their index: ``robots``, by name, with their file and that of their meshes, and
-    ``worlds``, with name, title, file and the most robots that have room there."""
+    ``worlds``, with name, title, file, the most robots that have room there, and the file of a
+    robot alone there, whose meshes it names by their numbers, or ``None``.
+
+    Args:
+        site, robots, worlds: as of :func:`write_robots`.
+        known: what that has returned.
+    """
     folder = f"robots/{_TOGETHER}"
     (site / folder).mkdir(parents=True)
     index: dict[str, Any] = {"robots": {}, "worlds": []}
@@ -128,10 +135,21 @@ def write_together(
         starts = _starts(shared)
         if len(starts) < 2:
             continue
+        # There is nothing to be drawn on an open floor.
+        worlds_alone = [one for robot in known for one in robot["worlds"] if shared.objects]
+        alone = [one["file"] for one in worlds_alone if one["name"] == name]
+        drawn_in = alone[0] if alone else None
+        meshes = read_packed_json(site / drawn_in)["drawing"]["meshes"] if drawn_in else []
         path = f"{folder}/world-{as_file_name(name)}.json"
-        write_packed_json(site / path, _shared(shared, starts))
+        write_packed_json(site / path, _shared(shared, starts, meshes))
         index["worlds"].append(
-            {"name": name, "title": _title(name), "file": path, "most": len(starts)}
+            {
+                "name": name,
+                "title": _title(name),
+                "file": path,
+                "most": len(starts),
+                "drawn_in": drawn_in,
+            }
         )
     return index
 
@@ -180,12 +198,18 @@ def _starts(scene: Scene) -> list[Pose]:
     return starts
 
 
-def _shared(scene: Scene, starts: Sequence[Pose]) -> dict[str, Any]:
-    """File of a scene that robots share, who start at these poses."""
+def _shared(
+    scene: Scene,
+    starts: Sequence[Pose],
+    meshes: list[Any],
+) -> dict[str, Any]:
+    """File of a scene that robots share, who start at these poses; ``meshes``: those of the file of
+    a robot alone in it."""
     engine = MujocoEngine(world_spec(scene).compile())
     engine.forward()
     drawing = drawing_of_model(engine)
     described = drawing.described()
+    described["meshes"] = _numbered(described["meshes"], meshes)
     numbers = [drawn.model_body for drawn in drawing.bodies]
     views = [view_around(starts[:count]) for count in range(1, len(starts) + 1)]
     return {

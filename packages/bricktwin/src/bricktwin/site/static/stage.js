@@ -122,17 +122,27 @@ export class Stage {
 
 const read = async (name) => (await fetchPacked(name)).json();
 
-// A robot's file. Its meshes are in one file for all of its worlds, which name them by their numbers.
-async function fetchRobot(file, meshFile) {
-  const [plain, meshes] = await Promise.all([read(file), read(meshFile)]);
+// A file whose drawing names meshes of another one by their numbers.
+function resolved(plain, meshes) {
   plain.drawing.meshes = plain.drawing.meshes.map((mesh) => (typeof mesh === "number" ? meshes[mesh] : mesh));
   return plain;
+}
+
+// A robot's file. Its meshes are in one file for all of its worlds.
+async function fetchRobot(file, meshFile) {
+  return resolved(...(await Promise.all([read(file), read(meshFile)])));
+}
+
+// A world's file. What is drawn there is in the file of a robot that is alone in it, too.
+async function fetchWorld({ file, drawn_in }) {
+  const [plain, alone] = await Promise.all([read(file), drawn_in && read(drawn_in)]);
+  return resolved(plain, alone?.drawing.meshes);
 }
 
 // The same of robots that share a world; two of a kind share a file.
 async function fetchTogether(entry) {
   const files = new Map();
   for (const { file, meshes } of entry.robots) if (!files.has(file)) files.set(file, fetchRobot(file, meshes));
-  const [world, ...robots] = await Promise.all([read(entry.world.file), ...entry.robots.map(({ file }) => files.get(file))]);
+  const [world, ...robots] = await Promise.all([fetchWorld(entry.world), ...entry.robots.map(({ file }) => files.get(file))]);
   return { robot: { scene: world.scene }, ...together({ robots, world }) };
 }
