@@ -332,3 +332,9 @@ def test_who_can_share_a_world() -> None:
 
     robots = (TWO_WHEELER, SCOUT, WALKER, EV3_DRIVER, ROBO_ARM, CART)
     assert [robot for robot in robots if _can_share(robot)] == [TWO_WHEELER, SCOUT, WALKER]
+
+
+@pytest.mark.parametrize("start", [(1, 2), (1, 2, "north"), 3, (0, 0, float("nan"))])
+def test_a_start_of_another_robot_is_a_place_and_a_heading(start: Any) -> None:
+    with pytest.raises(TwinError, match="scene: another robot starts at .*; give x, y"):
+        Scene(others_start=(start,))

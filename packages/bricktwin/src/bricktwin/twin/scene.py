@@ -73,7 +73,8 @@ class Scene:
                 10_000.0,
             )
         for start in self.others_start:
-            if len(start) != 3 or not all(map(math.isfinite, start)):
+            is_pose = isinstance(start, tuple | list) and len(start) == 3
+            if not (is_pose and all(map(_is_finite, start))):
                 raise TwinError(
                     f"scene: another robot starts at {start}; give x, y (mm) and a heading (deg)"
                 )
@@ -143,6 +144,11 @@ class Scene:
             if isinstance(item, Ball) or (isinstance(item, Block) and item.mass_g is not None):
                 pushable[number] = item
         return pushable
+
+
+def _is_finite(value: object) -> bool:
+    """Whether a value of a user's is a finite number."""
+    return isinstance(value, int | float) and math.isfinite(value)
 
 
 def _check_range(

@@ -62,8 +62,8 @@ export class Room {
     if (isAlone) this.seats.forEach((seat) => (seat.robot = BENCH));
     this.seats.push({ program: programs.current, robot: isAlone ? BENCH : robot });
     this.addHub();
-    this.on.changed();
     this.select(this.seats.length - 1);
+    this.on.changed();
     if (isAlone) this.on.note("This robot is alone in its world, so that each hub has a bench now.");
   }
 

@@ -4,6 +4,8 @@
 const SIGNAL = 0, ALLOWED_MS = 1, HEAD = 2, TAIL = 3, CLOSED = 4, HEADER_BYTES = 32, RING_BYTES = 1 << 16, LENGTH_BYTES = 4;
 
 const LATER_MS = 5; // between two looks for room
+// One of each for all messages: a worker that runs a program frees what a browser has beside its scripts only when it ends.
+const ENCODER = new TextEncoder(), DECODER = new TextDecoder();
 
 export class Mailbox {
   constructor(memory) {
@@ -27,14 +29,20 @@ export class Mailbox {
 
   // Who writes: a message that is JSON already.
   put(json) {
-    const text = new TextEncoder().encode(json), head = this.numbers[HEAD], size = this.ring.length;
+    const text = ENCODER.encode(json), head = this.numbers[HEAD], size = this.ring.length;
     const used = (head - Atomics.load(this.numbers, TAIL) + size) % size;
     if (used + LENGTH_BYTES + text.length >= size) return false;
-    const length = new Uint8Array(new Uint32Array([text.length]).buffer);
-    [...length, ...text].forEach((byte, i) => (this.ring[(head + i) % size] = byte));
+    this.write(new Uint8Array(Uint32Array.of(text.length).buffer), head);
+    this.write(text, (head + LENGTH_BYTES) % size);
     Atomics.store(this.numbers, HEAD, (head + LENGTH_BYTES + text.length) % size);
     this.signal();
     return true;
+  }
+
+  write(bytes, place) {
+    const untilEnd = Math.min(bytes.length, this.ring.length - place);
+    this.ring.set(bytes.subarray(0, untilEnd), place);
+    this.ring.set(bytes.subarray(untilEnd), 0);
   }
 
   // The page: how far simulated time may go.
@@ -72,13 +80,15 @@ export class Mailbox {
     let tail = this.numbers[TAIL];
     if (head === tail) return "";
     const bytes = (count) => {
-      const copy = Uint8Array.from({ length: count }, (_, i) => this.ring[(tail + i) % this.ring.length]);
+      const copy = new Uint8Array(count), untilEnd = Math.min(count, this.ring.length - tail);
+      copy.set(this.ring.subarray(tail, tail + untilEnd));
+      copy.set(this.ring.subarray(0, count - untilEnd), untilEnd);
       tail = (tail + count) % this.ring.length;
       return copy;
     };
     while (tail !== head) {
       const [length] = new Uint32Array(bytes(LENGTH_BYTES).buffer);
-      messages.push(new TextDecoder().decode(bytes(length)));
+      messages.push(DECODER.decode(bytes(length)));
     }
     Atomics.store(this.numbers, TAIL, tail);
     return `[${messages.join(",")}]`;
