@@ -441,14 +441,14 @@ def signals(_shop: Workshop, rng: random.Random, count: int) -> Cases:
         yield about, partial(try_signal, command, which, delay_s)
 
 
-KINDS = {options: 250, files: 140, mutants: 60, environments: 30, signals: 20}
+KINDS = {options: 500, files: 280, mutants: 120, environments: 60, signals: 40}
 """Numbers of inputs."""
 
 
 def main(session: Session) -> int:
     """Try all inputs, print faults, write the result."""
     parser = session.parser
-    parser.add_argument("--scale", type=float, default=1.0, help="share of the 500 inputs")
+    parser.add_argument("--scale", type=float, default=1.0, help="share of the 1,000 inputs")
     kinds = {kind.__name__: kind for kind in KINDS}
     args = session.parse(seed=0, kinds=list(kinds))
     os.environ["MUJOCO_GL"] = "disable"

@@ -11,7 +11,7 @@ from importlib import metadata
 from pathlib import Path
 
 import brickhub
-from brickhub.errors import counted
+from brickhub.errors import an, counted
 
 ONBOARD = "brickhub.hub.program.onboard"
 """Of this package only the folder is ours: its files run on a hub, under MicroPython."""
@@ -83,6 +83,8 @@ def test_declared_requirements_are_light() -> None:
 
 def test_numbers_agree_with_their_noun() -> None:
     assert (counted(1, "episode"), counted(2, "episode")) == ("1 episode", "2 episodes")
+    names = ("prime", "ev3-large", "nxt-motor", "UltrasonicSensor")
+    assert [*map(an, names)] == ["a prime", "an ev3-large", "an nxt-motor", "an UltrasonicSensor"]
 
 
 def test_virtual_hub_has_error_numbers_of_its_own() -> None:

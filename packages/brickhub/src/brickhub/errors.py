@@ -198,6 +198,13 @@ def counted(number: int, noun: str) -> str:
     return f"{number} {noun}{ending}"
 
 
+def an(name: str) -> str:
+    """A name with its article: ``"a prime"``, ``"an ev3"``."""
+    # Of what we have names for, NXT alone is spelt letter by letter.
+    sounds_like_a_vowel = name[0].lower() in "aeiou" or name.lower().startswith("nxt")
+    return f"an {name}" if sounds_like_a_vowel else f"a {name}"
+
+
 def percent(share: float | None) -> str:
     """``"57 %"`` for 0.57; an empty string for ``None``."""
     if share is None:

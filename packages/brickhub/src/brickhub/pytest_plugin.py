@@ -112,6 +112,7 @@ class PybricksHub:
             DescriptionError, TwinError: robot, readings, end stops or presses do not fit together.
         """
         from brickhub.virtual.given_readings import (
+            by_port,
             parse_device,
             parse_end_stop,
             parse_reading,
@@ -136,9 +137,9 @@ class PybricksHub:
         operation = Operation(
             presses=[parse_press(text) for text in presses],
             readings=[parse_reading(text, self._folder) for text in texts_of_readings],
-            end_stops=dict(map(parse_end_stop, texts_of_stops)),
-            starts=dict(map(parse_start, starts)),
-            devices=dict(map(parse_device, ports)),
+            end_stops=by_port("end_stops", map(parse_end_stop, texts_of_stops)),
+            starts=by_port("starts", map(parse_start, starts)),
+            devices=by_port("ports", map(parse_device, ports)),
             own_devices=own_devices,
             attend=attend,
         )

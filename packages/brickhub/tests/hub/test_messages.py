@@ -133,5 +133,5 @@ def test_a_hub_without_bluetooth_low_energy_is_refused() -> None:
         TWO_WHEELER, hub=HubKind.EV3, motors=(), drive_base=None, sensors=(), needs_imu=False
     )
     for numbers in (exchange.commands, exchange.channels):
-        with pytest.raises(DescriptionError, match="a ev3 hub tells other hubs nothing"):
+        with pytest.raises(DescriptionError, match="an ev3 hub tells other hubs nothing"):
             numbers[0].check(robot)

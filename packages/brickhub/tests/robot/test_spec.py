@@ -90,10 +90,15 @@ EV3_TOUCH = PoweredUpSensor("button", "1", SensorKind.EV3_TOUCH)
 @pytest.mark.parametrize(
     ("hub", "device", "port", "message"),
     [
-        (HubKind.EV3, EV3_MOTOR, "1", "is a ev3-large on port 1, .* one of A, B, C, D"),
-        (HubKind.EV3, EV3_TOUCH, "B", "is a Ev3TouchSensor on port B, .* one of 1, 2, 3, 4"),
-        (HubKind.EV3, Motor("m", "A"), "A", "a spike-medium, whose plug fits no port of a ev3 hub"),
-        (HubKind.PRIME, EV3_MOTOR, "A", "a ev3-large, whose plug fits no port of a prime hub"),
+        (HubKind.EV3, EV3_MOTOR, "1", "is an ev3-large on port 1, .* one of A, B, C, D"),
+        (HubKind.EV3, EV3_TOUCH, "B", "is an Ev3TouchSensor on port B, .* one of 1, 2, 3, 4"),
+        (
+            HubKind.EV3,
+            Motor("m", "A"),
+            "A",
+            "a spike-medium, whose plug fits no port of an ev3 hub",
+        ),
+        (HubKind.PRIME, EV3_MOTOR, "A", "an ev3-large, whose plug fits no port of a prime hub"),
     ],
 )
 def test_devices_fit_their_ports(

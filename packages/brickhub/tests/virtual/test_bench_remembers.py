@@ -9,7 +9,7 @@ import pytest
 
 from brickhub.cli import main
 from brickhub.errors import DescriptionError, TwinError
-from brickhub.virtual.given_readings import parse_device, parse_start
+from brickhub.virtual.given_readings import parse_device, parse_reading, parse_start
 from brickhub.virtual.run import Operation, run_file
 
 ANGLES = """
@@ -55,6 +55,38 @@ def test_motor_without_absolute_sensor_counts_from_zero(
 def test_invalid_start_is_refused(text: str) -> None:
     with pytest.raises(DescriptionError, match="is not a start angle; give one such as A=90"):
         parse_start(text)
+
+
+@pytest.mark.parametrize(
+    ("option", "first", "second"),
+    [
+        ("--start", "A=90", "a=45"),
+        ("--port", "B=interactive", "B=spike-large"),
+        ("--port", "B=interactive", "B=mine.py:GAUGE"),
+        ("--end-stop", "C=-90..120", "C=-10..10"),
+    ],
+)
+def test_a_port_that_is_named_twice_is_refused(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str], option: str, first: str, second: str
+) -> None:
+    path = tmp_path / "main.py"
+    path.write_text(ANGLES)
+    assert main(("run", str(path), option, first, option, second)) == 2
+    assert capfd.readouterr().err == (
+        f"error: {option} names port {first[0]} twice; name it once\n"
+    )
+
+
+def test_two_readings_of_one_sense_are_refused(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    source = "from pybricks.pupdevices import ColorSensor\nfrom pybricks.parameters import Port\n"
+    source += "eye = ColorSensor(Port.B)\nprint(eye.reflection(), eye.ambient())\n"
+    differing = [parse_reading(text) for text in ("B=40%", "B.ambient=20%")]
+    assert run(tmp_path, source, readings=differing) == "29 2.0\n"
+    words = ("--reading", "B=40%", "--reading", "B=red")
+    assert main(("run", str(tmp_path / "main.py"), *words)) == 1
+    assert "TwinError: port B has two readings of surface; give one\n" in capfd.readouterr().err
 
 
 def test_start_beyond_end_stops_is_refused(tmp_path: Path) -> None:

@@ -118,7 +118,7 @@ def test_devices_are_named_by_kind() -> None:
 def test_the_port_and_the_reading_there_must_suit_the_hub(tmp_path: Path) -> None:
     with pytest.raises(TwinError, match="the city hub has no port D; it has A, B"):
         run(tmp_path, "from pybricks.hubs import CityHub", "D=interactive")
-    with pytest.raises(TwinError, match="a ev3-large does not fit port A of the prime hub"):
+    with pytest.raises(TwinError, match="an ev3-large does not fit port A of the prime hub"):
         run(tmp_path, "from pybricks.hubs import PrimeHub", "A=ev3-large")
     with pytest.raises(TwinError, match="senses force"):
         run(tmp_path, "", "A=ForceSensor", readings=("A.ambient=20%",))

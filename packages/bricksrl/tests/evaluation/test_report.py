@@ -5,9 +5,11 @@ from __future__ import annotations
 import os
 import sys
 from pathlib import Path
+from typing import Never
 
 import pytest
 
+from bricksrl.errors import WriteError
 from bricksrl.evaluation.evaluator import EvaluationResult, evaluate
 from bricksrl.evaluation.report import _commands, labelled, rows, write_report
 from bricksrl.evaluation.statistics import Interval
@@ -93,3 +95,20 @@ def test_folder_with_an_unreadable_name_gets_its_report(tmp_path: Path) -> None:
     )
     path, _ = write_report(result.run_dir, result.episodes, evaluate(result.run_dir, episodes=1))
     assert b"l\xe4uft" in path.read_bytes()
+
+
+def test_disk_that_is_full_for_the_film_leaves_the_report(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: object) -> Never:
+        raise WriteError("film.mp4: No space left on device; free some space")
+
+    monkeypatch.setattr("bricksrl.evaluation.report.film_before_and_after", full)
+    config = TrainConfig(
+        "WalkerSim-v0", "random", episodes=1, run_dir=tmp_path / "run", record=False
+    )
+    result = train(config)
+    evaluation = evaluate(result.run_dir, episodes=1)
+    path, film = write_report(result.run_dir, result.episodes, evaluation)
+    assert film == "none: film.mp4: No space left on device; free some space"
+    assert "No space left on device" in path.read_text(encoding="utf-8")

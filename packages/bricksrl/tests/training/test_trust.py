@@ -280,10 +280,17 @@ def test_settings_of_a_stranger_need_trust(
 def test_options_in_a_dataset_are_of_its_task(stranger: Path) -> None:
     from bricksrl.data import load
     from bricksrl.data.formats import _minari_environment
+    from bricksrl.data.schema import digest_of
 
     path = stranger / "run" / "data" / "meta" / "bricksrl.json"
-    text = path.read_text()
-    options = {"transform": f"{CANARY}:NAME", "env_id": f"{CANARY}:NAME", "ends_at_wall": False}
-    path.write_text(json.dumps({**json.loads(text), "options": options}))
+    values = json.loads(path.read_text())
+    values["options"] = {
+        "transform": f"{CANARY}:NAME",
+        "env_id": f"{CANARY}:NAME",
+        "ends_at_wall": False,
+    }
+    # A stranger's file has a right digest too.
+    del values["sha256"]
+    path.write_text(json.dumps({**values, "sha256": digest_of(values)}))
     found = _minari_environment(load(stranger / "run"))["env"]
     assert found.kwargs == {"env_id": "RunAway-v0", "ends_at_wall": False}

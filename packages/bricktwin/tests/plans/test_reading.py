@@ -159,7 +159,7 @@ def test_unknown_parts_are_kept_with_their_lines():
     [
         (["1 4 0 0 0 1 0 0 0 1 0 0 0 1"], "line 1: cannot place a part"),
         (["1 4 0 0 nan 1 0 0 0 1 0 0 0 1 32316.dat"], "line 1: cannot place a part"),
-        (["1 4 0 0 1e30 1 0 0 0 1 0 0 0 1 32316.dat"], "line 1: cannot place a part"),
+        (["1 4 0 0 1e30 1 0 0 0 1 0 0 0 1 32316.dat"], "line 1: a number is 1,000,000 or more"),
         (["1 red 0 0 0 1 0 0 0 1 0 0 0 1 32316.dat"], "line 1: cannot place a part"),
         (
             ["1 4 0 0 0 2 0 0 0 1 0 0 0 1 32316.dat"],

@@ -145,7 +145,7 @@ def test_motor_that_does_not_fit_the_hub_raises(tmp_path):
     plan = tmp_path / "ev3.ldr"
     plan.write_text("0 !BRICKSRL PORT A arm\n1 4 0 0 0 1 0 0 0 1 0 0 0 1 99455.dat\n")
     with pytest.raises(
-        DescriptionError, match="'arm' is a ev3-medium, whose plug fits no port of a prime hub"
+        DescriptionError, match="'arm' is an ev3-medium, whose plug fits no port of a prime hub"
     ):
         robot_of_plan(plan, hub=HubKind.PRIME)
 

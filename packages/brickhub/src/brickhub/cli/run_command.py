@@ -329,10 +329,12 @@ class Run:
         from brickhub.cli.key_listener import can_listen, keys_heard
         from brickhub.user_devices import is_own_device, load_own_device
         from brickhub.virtual.given_readings import (
+            by_port,
             parse_device,
             parse_end_stop,
             parse_reading,
             parse_start,
+            port_of,
         )
         from brickhub.virtual.panel import parse_press
         from brickhub.virtual.run import Operation
@@ -352,15 +354,16 @@ class Run:
             if self.panel:
                 panel.on_change = _print_panel
 
-        own = [text for text in self.port if is_own_device(text)]
+        devices = by_port("--port", ((port_of(text), text) for text in self.port)).values()
+        own = [text for text in devices if is_own_device(text)]
         # A body already has its stops (see `stops_of`).
-        end_stops = dict(map(parse_end_stop, self.end_stop)) if body is None else {}
+        stops = self.end_stop if body is None else ()
         return Operation(
             presses=[parse_press(text) for text in self.press],
             readings=[parse_reading(text) for text in self.reading],
-            end_stops=end_stops,
-            starts=dict(parse_start(text) for text in self.start),
-            devices=dict(parse_device(text) for text in self.port if text not in own),
+            end_stops=by_port("--end-stop", map(parse_end_stop, stops)),
+            starts=by_port("--start", map(parse_start, self.start)),
+            devices=dict(parse_device(text) for text in devices if text not in own),
             own_devices=dict(map(load_own_device, own)),
             hub_name=self.hub_name,
             storage=self.storage,

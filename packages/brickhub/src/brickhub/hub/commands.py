@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
 from brickhub.entry import Entry
-from brickhub.errors import DescriptionError
+from brickhub.errors import DescriptionError, an
 from brickhub.robot import DriveBase, Robot
 
 WIRE_MAX = 2**15 - 1
@@ -521,7 +521,7 @@ class LightBrightness(Command):
         kind = robot.sensor(self.sensor).kind
         if not kind.model.light:
             raise self.error(
-                f": a {kind.value} has no light to set; use a Light or an UltrasonicSensor"
+                f": {an(kind.value)} has no light to set; use a Light or an UltrasonicSensor"
             )
         if self.low < 0 or self.high > 100:
             raise self.error(f" ranges from {self.low:g} to {self.high:g} %; stay within 0 to 100")
@@ -555,7 +555,8 @@ class HubSound(Command):
     def check(self, robot: Robot) -> None:
         if not robot.hub.model.has_speaker:
             raise self.error(
-                f": a {robot.hub.value} hub has no loudspeaker; choose a prime hub, or use HubLight"
+                f": {an(robot.hub.value)} hub has no loudspeaker; choose a prime hub, or use "
+                "HubLight"
             )
         if self.low < 0 or not 1 <= self.duration_ms <= 200:
             raise self.error(

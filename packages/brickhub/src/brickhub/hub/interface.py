@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from typing import ClassVar
 
 from brickhub.entry import Entry
-from brickhub.errors import hint
+from brickhub.errors import an, hint
 from brickhub.fields import check_fields, check_value
 from brickhub.hub.commands import (
     WIDE_MAX,
@@ -606,7 +606,7 @@ class SensorReading(Channel):
         readings = kind.model.readings
         if self.method not in readings:
             known = f"{hint(self.method, readings)}; it has {', '.join(readings) or 'none'}"
-            raise self.error(f": a {kind.value} has no reading '{self.method}'{known}")
+            raise self.error(f": {an(kind.value)} has no reading '{self.method}'{known}")
         parts = PARTS.get(self.method)
         if parts is None and self.part is not None:
             raise self.error(f": {self.method}() is one number; omit the part '{self.part}'")

@@ -13,7 +13,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
-from brickhub.errors import DescriptionError
+from brickhub.errors import DescriptionError, an
 from brickhub.hub.commands import Command, Imports
 from brickhub.hub.interface import Channel
 from brickhub.hub.protocol import MAX_ACTIONS
@@ -72,7 +72,7 @@ class Exchange:
         """Raise DescriptionError if the robot's hub has no Bluetooth."""
         if not robot.hub.model.has_bluetooth:
             raise DescriptionError(
-                f"a {robot.hub.value} hub tells other hubs nothing, as it has no Bluetooth Low "
+                f"{an(robot.hub.value)} hub tells other hubs nothing, as it has no Bluetooth Low "
                 "Energy; choose another hub"
             )
 

@@ -19,6 +19,7 @@ from brickhub.errors import (
     MediumUnavailableError,
     Reason,
     UnknownNameError,
+    an,
 )
 from brickhub.futures import is_done, settle
 from brickhub.hub.transports.address import HubAddress
@@ -70,7 +71,7 @@ def parts(
     for port in carrier_ports:
         if port not in motors:
             raise DescriptionError(
-                f"no motor is described on port {port}, where a {hub.value} has one; describe it"
+                f"no motor is described on port {port}, where {an(hub.value)} has one; describe it"
             )
     carrier = Product.DOUBLE_MOTOR if hub is KitKind.DOUBLE_MOTOR else Product.SINGLE_MOTOR
     # The device that carries the robot comes first, because the IMU is read from the first one.

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import ClassVar, TypeVar
 
-from brickhub.errors import DescriptionError
+from brickhub.errors import DescriptionError, an
 from brickhub.fields import check_fields
 from brickhub.robot.hardware import AnyHub, HubKind, KindType, MotorKind, SensorKind
 
@@ -297,7 +297,7 @@ class Robot:
         self._check_devices()
         if self.needs_imu and not self.hub.model.has_imu:
             raise self._error(
-                f"a {self.hub.value} hub has no IMU; choose a prime, essential or technic hub"
+                f"{an(self.hub.value)} hub has no IMU; choose a prime, essential or technic hub"
             )
         if self.drive_base is not None:
             if not (self.drive_base.wheel_diameter_mm and self.drive_base.axle_track_mm):
@@ -332,7 +332,7 @@ class Robot:
                 raise self._error(f"'{device.name}' has no port; say it, or name a plan that does")
             # The length is checked too, because "AB" is part of the text "ABCDEF".
             if len(device.port) != 1 or device.port not in self.hub.model.ports:
-                ports = f"a {self.hub.value} hub has ports {', '.join(self.hub.model.ports)}"
+                ports = f"{an(self.hub.value)} hub has ports {', '.join(self.hub.model.ports)}"
                 raise self._error(
                     f"'{device.name}' is on port {device.port}, but {ports}; move it or choose "
                     "another hub"
@@ -419,12 +419,12 @@ def _misfit(
     kind = device.kind.value
     if fitting_ports:
         return (
-            f"'{device.name}' is a {kind} on port {device.port}, where it does not fit; move it to "
-            f"one of {', '.join(fitting_ports)}"
+            f"'{device.name}' is {an(kind)} on port {device.port}, where it does not fit; move it "
+            f"to one of {', '.join(fitting_ports)}"
         )
     return (
-        f"'{device.name}' is a {kind}, whose plug fits no port of a {hub.value} hub; take one of "
-        f"pybricks.{hub.model.devices}, or another hub"
+        f"'{device.name}' is {an(kind)}, whose plug fits no port of {an(hub.value)} hub; take "
+        f"one of pybricks.{hub.model.devices}, or another hub"
     )
 
 

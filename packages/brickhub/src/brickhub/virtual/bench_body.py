@@ -9,7 +9,7 @@ from collections import defaultdict
 from collections.abc import Callable, Iterable, Mapping
 from types import MappingProxyType
 
-from brickhub.errors import SceneError, TwinError
+from brickhub.errors import SceneError, TwinError, an
 from brickhub.hub.link.profiles import usual_link
 from brickhub.robot import AnyHub, MotorKind, Robot, Sense, SensorKind, UltrasonicSensor
 from brickhub.virtual.bench_motor import BenchMotor, step_of
@@ -310,7 +310,7 @@ class FittedBench(BenchBody):
                 continue
             if port not in hub.model.takes(kind.model):
                 raise TwinError(
-                    f"a {kind.value} does not fit port {port} of the {hub.value} hub; say what "
+                    f"{an(kind.value)} does not fit port {port} of the {hub.value} hub; say what "
                     "else is there"
                 )
             if isinstance(kind, MotorKind):
@@ -379,8 +379,14 @@ class FittedBench(BenchBody):
     ) -> None:
         self._devices[port] = device
         self._kinds[port] = SensorKind(device)
+        given: dict[Sense, GivenReading] = {}
         for reading in self._given_readings[port]:
             sense = reading.sense_of(device)
+            if sense in given:
+                raise TwinError(f"port {port} has two readings of {sense}; give one")
+            given[sense] = reading
+        for sense, reading in given.items():
+            # What was set by hand since then holds.
             self._readings.setdefault((port, sense), self._in_time(reading))
 
     def set_reading(

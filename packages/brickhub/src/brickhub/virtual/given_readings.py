@@ -8,6 +8,7 @@ import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeVar
 
 from brickhub.errors import DescriptionError, TwinError
 from brickhub.robot import MotorKind, Robot, Sense, SensorKind
@@ -40,6 +41,9 @@ _READING = re.compile(rf"({_PORT})(?:\.([a-z]+))?=(.+)")
 _OTHER_UNIT = re.compile(r"[-+.\d,\s]*\d\s*([^\W\d]+)")
 _NUMBERS = re.compile(r"([-+.\d,\s]+?)\s*(mm|%|n|deg)?")
 _END_STOP = re.compile(r"([A-Fa-f])=(-?[\d.]+)\.\.(-?[\d.]+)")
+
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -107,7 +111,7 @@ def parse_reading(text: str, folder: Path = Path()) -> GivenReading:
     if match is None:
         raise _no_reading(text)
     written_port, name, written = match.groups()
-    port = _port_of(written_port)
+    port = port_of(written_port)
     value = written.strip()
     if name is not None and name not in set(Sense):
         known = ", ".join(Sense)
@@ -137,9 +141,9 @@ def parse_reading(text: str, folder: Path = Path()) -> GivenReading:
     )
 
 
-def _port_of(text: str) -> str:
-    """The port of a text such as ``b``, ``2`` or ``S2``."""
-    return text.upper().removeprefix("S")
+def port_of(text: str) -> str:
+    """The port that a text such as ``b=red`` or ``S2=nothing`` begins with."""
+    return text.partition("=")[0].strip().upper().removeprefix("S")
 
 
 def _hint_of(row: Row) -> str:
@@ -223,7 +227,18 @@ def parse_start(text: str) -> tuple[str, float]:
     # The encoder of a motor tells where it stands within a turn, and no more.
     if not re.fullmatch(_PORT, port) or not -180.0 <= angle_deg < 180.0:
         raise DescriptionError(refusal)
-    return _port_of(port), angle_deg
+    return port_of(port), angle_deg
+
+
+def by_port(option: str, pairs: Iterable[tuple[str, T]]) -> dict[str, T]:
+    """Values of an option such as ``--start`` by their port. Raises DescriptionError if a port has
+    two, as one of them would be dropped unseen."""
+    found: dict[str, T] = {}
+    for port, value in pairs:
+        if port in found:
+            raise DescriptionError(f"{option} names port {port} twice; name it once")
+        found[port] = value
+    return found
 
 
 def end_stops_of(robot: Robot, texts: Iterable[str]) -> dict[str, tuple[float, float]]:
@@ -232,7 +247,8 @@ def end_stops_of(robot: Robot, texts: Iterable[str]) -> dict[str, tuple[float, f
     port."""
     motors = {motor.port: motor for motor in robot.motors}
     stops = {}
-    for port, angles_deg in map(parse_end_stop, texts):
+    given = by_port("--end-stop", map(parse_end_stop, texts))
+    for port, angles_deg in given.items():
         if port not in motors:
             known = ", ".join(motors) or "none"
             raise DescriptionError(
@@ -254,7 +270,7 @@ def parse_device(text: str) -> tuple[str, MotorKind | SensorKind | None]:
     devices = {kind.value.lower(): kind for kind in kinds}
     is_known = name.lower() in ("nothing", *devices)
     if is_known and re.fullmatch(_PORT, port):
-        return _port_of(port), devices.get(name.lower())
+        return port_of(port), devices.get(name.lower())
     known = ", ".join(kind.value for kind in kinds)
     raise DescriptionError(
         f"'{text}' is not a device on a port; give one such as A=interactive, of {known}, "

@@ -174,12 +174,13 @@ class RunProgress(Callback):
 
     def saved(self) -> str:
         """Text on what is saved if the run ends now."""
-        if self.run_dir is None or not self.episodes_done:
+        if self.run_dir is None:
             return "no episode was finished, so nothing was saved"
-        return (
-            f"saved {counted(self.episodes_done, 'episode')} in {self.run_dir}; `bricksrl "
-            f"resume {quoted(self.run_dir)}` goes on"
-        )
+        resume = f"`bricksrl resume {quoted(self.run_dir)}`"
+        if not self.episodes_done:
+            # The folder has the configuration and the untrained networks.
+            return f"no episode was finished; {resume} begins again"
+        return f"saved {counted(self.episodes_done, 'episode')} in {self.run_dir}; {resume} goes on"
 
     def close(self) -> None:
         """Restore the terminal; may be called repeatedly."""

@@ -16,7 +16,7 @@ from bricksrl.envs.env_interface import interface_of
 from bricksrl.envs.make import make
 from bricksrl.envs.registry import get_task
 from bricksrl.envs.task import Task
-from bricksrl.errors import BricksError, RenderingUnavailableError
+from bricksrl.errors import BricksError, RenderingUnavailableError, an
 from bricksrl.quiet import without_torchrl_notes
 
 _STEPS = 5
@@ -190,7 +190,7 @@ def _number(cell: str) -> float | str:
 
 def _program(task: Task) -> str:
     if not task.robot.hub.model.runs_programs:
-        raise Skip(f"a {task.robot.hub.value} runs no programs")
+        raise Skip(f"{an(task.robot.hub.value)} runs no programs")
     size = check_program(task.hub_program, task.robot.hub)
     return f"{size} of the {task.robot.hub.value} hub's {task.robot.hub.model.program_bytes} bytes"
 

@@ -13,7 +13,14 @@ from typing import NamedTuple
 from brickhub.files import quoted, write_durably
 from bricksrl.envs.reference_returns import REFERENCES
 from bricksrl.envs.registry import get_task, is_simulation
-from bricksrl.errors import BricksError, RenderingUnavailableError, TwinError, counted, percent
+from bricksrl.errors import (
+    BricksError,
+    RenderingUnavailableError,
+    TwinError,
+    WriteError,
+    counted,
+    percent,
+)
 from bricksrl.evaluation.evaluator import EvaluationResult
 from bricksrl.evaluation.film import Film, check_run_filmable, film_run, side_by_side
 from bricksrl.training.callbacks import Episode
@@ -95,7 +102,8 @@ def write_report(
     reason = "it was left out (--no-film)"
     try:
         films = film_before_and_after(run_dir, result.env) if film else None
-    except (RenderingUnavailableError, TwinError) as error:
+    except (RenderingUnavailableError, TwinError, WriteError) as error:
+        # A disk that is full for a film may have room for the report.
         reason = str(error)
     folder = RunFolder(run_dir)
     config = folder.read_config()

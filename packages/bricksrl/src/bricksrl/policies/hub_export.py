@@ -30,7 +30,7 @@ from bricksrl.envs.robot_env import chance_of
 from bricksrl.envs.rollout import play_episodes
 from bricksrl.envs.task import Task
 from bricksrl.envs.transforms import base_of
-from bricksrl.errors import RunError
+from bricksrl.errors import RunError, an
 from bricksrl.policies import config_of, load_policy, make_env_of
 from bricksrl.policies.by_name import TRAINED, PlainPolicy, path_of
 from bricksrl.policies.hub_network import HIDDEN, Acting, HubNetwork, distil
@@ -230,7 +230,7 @@ def _export(
         task.interface,
         channels,
         source,
-        f"a {kind} that learned {task.id}",
+        f"{an(kind)} that learned {task.id}",
         age_ms,
         goals_of(task),
         out.stem if has_world else "",

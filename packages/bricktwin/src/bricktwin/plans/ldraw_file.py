@@ -465,8 +465,7 @@ class Document:
         name = unquoted(words[2 + _PLACE_NUMBERS :])
         if not self._is_no_part(name):
             if drawn is None or not name:
-                text = "cannot place a part; write 1, a colour, 12 numbers and a file"
-                self.faults.append(LineFault(number, text))
+                self.faults.append(LineFault(number, _unplaced(words)))
             else:
                 colour, numbers = drawn
                 offset = np.array(numbers[:3])
@@ -557,6 +556,16 @@ def _marks_of(words: list[str]) -> dict[str, Any]:
 def _pair(words: Sequence[str]) -> str:
     """Words that the first line and the last line of a range have in common."""
     return f"{words[0].lstrip('!')} {words[1].partition('_')[0]}"
+
+
+def _unplaced(words: list[str]) -> str:
+    """Why a line places no part, and what to write."""
+    if colour_and_numbers(words, _PLACE_NUMBERS) is not None and len(words) > 2 + _PLACE_NUMBERS:
+        return (
+            f"a number is {_MAX_COORDINATE:,.0f} or more, and places its part 400 m away; write a "
+            "position"
+        )
+    return "cannot place a part; write 1, a colour, 12 numbers and a file"
 
 
 def colour_and_numbers(

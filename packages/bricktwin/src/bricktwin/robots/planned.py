@@ -8,7 +8,7 @@ from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from brickhub.errors import DescriptionError, PlanError, UnknownNameError
+from brickhub.errors import DescriptionError, PlanError, UnknownNameError, an
 from brickhub.finding import Finding, Outcome
 from brickhub.robot import (
     AnyHub,
@@ -344,7 +344,7 @@ def disagreements(robot: Robot | _Description, design: PlanFacts) -> Iterator[_M
             yield (
                 hub_part.line,
                 "wiring",
-                f"{hub_part.part} is not a {hub} hub, which the robot {name} has; make both agree",
+                f"{hub_part.part} is not {an(hub)} hub, as the robot {name} has; make both agree",
             )
     for device in devices:
         if device.port in parts:
@@ -409,7 +409,7 @@ def _check_device(
         yield (
             part.line,
             "wiring",
-            f"{label}, but the robot {name} has '{device.name}' there, a {kind}; make both agree",
+            f"{label}, but the robot {name} has '{device.name}' there, {an(kind)}; make both agree",
         )
     elif part.label is not None and part.label != device.name:
         yield (

@@ -7,7 +7,7 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
-from brickhub.errors import HubError, percent
+from brickhub.errors import HubError, an, percent
 from brickhub.finding import Finding, Outcome
 from brickhub.hub.diagnostics.survey import Survey, WheelTurn, survey, turn_wheels
 from brickhub.hub.interface import Command, Distance, Interface
@@ -245,7 +245,7 @@ def check_hub(identity: HubIdentity | None, robot: Robot) -> Iterator[Finding]:
     version = ".".join(map(str, identity.profile_version))
     if kind is not robot.hub:
         detail = (
-            f"it is a {kind.value} hub, '{robot.name}' has a {robot.hub.value} hub; take "
+            f"it is {an(kind.value)} hub, '{robot.name}' has {an(robot.hub.value)} hub; take "
             "that one, or describe your robot"
         )
         yield Finding("hub", Outcome.ERROR, detail)
