@@ -5,6 +5,7 @@ import { isolate } from "./isolation.js";
 const tell = (answer) => fetch("told", { method: "POST", body: JSON.stringify(answer) });
 const pause = (ms) => new Promise((done) => setTimeout(done, ms));
 const ENDED = /finished|error|stopped|failed/;
+const PATIENCE_MS = 75_000;
 
 async function visit() {
   const frame = document.querySelector("iframe"), find = (selector) => frame.contentDocument.querySelector(selector);
@@ -25,6 +26,11 @@ async function visit() {
   };
 }
 
+// What is there when nothing comes any more.
+setTimeout(() => {
+  const { contentDocument: page } = document.querySelector("iframe"), text = (selector) => page.querySelector(selector)?.textContent;
+  tell({ failed: JSON.stringify(["#state", "#hubs", "#note", "#console", "#clock", "#error"].map(text)) + isSecureContext + crossOriginIsolated });
+}, PATIENCE_MS);
 try {
   if (await isolate()) await tell({ browser: navigator.userAgent, isIsolated: crossOriginIsolated, visited: await visit() });
 } catch (error) {

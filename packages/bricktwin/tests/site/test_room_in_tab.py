@@ -27,13 +27,13 @@ from brickhub.virtual.run import Operation, ProgramStopped, run_file
 from bricktwin.robots import SCOUT, TWO_WHEELER, WALKER
 from bricktwin.site.robot_files import sharing_file, world_file
 from bricktwin.site.robots import _can_share
+from bricktwin.site.tab.robot_file import put_together_text
 from bricktwin.site.tab.room import RoomHand, Seat, ToldBody, shared_world
-from bricktwin.site.tab.together import put_together_text
 from bricktwin.twin.arena import SharedWorld, side_by_side
+from bricktwin.twin.models.shared_scene import shared_scene, starts_in
 from bricktwin.twin.mujoco_arena import arena_model
 from bricktwin.twin.objects import Wall
 from bricktwin.twin.scene import OPEN_FLOOR, Scene
-from bricktwin.twin.shared_scene import shared_scene, start_poses
 from bricktwin.worlds import world as worlds_by_name
 
 RADIO = "from pybricks.messaging import BLERadio\nfrom pybricks.tools import StopWatch, wait\n"
@@ -263,7 +263,7 @@ def test_a_scene_for_one_robot_alone_is_not_shared() -> None:
     narrow = Scene(objects=tuple(Wall((x, -300), (x, 300)) for x in (-250, 250)))
     closed = tuple(Wall((-250, y), (250, y)) for y in (-300, 300))
     with pytest.raises(TwinError, match="there is no room for 2 robots"):
-        start_poses(replace(narrow, objects=narrow.objects + closed), 2)
+        starts_in(replace(narrow, objects=narrow.objects + closed), 2)
 
 
 def test_a_second_robot_takes_the_place_of_the_opponent() -> None:

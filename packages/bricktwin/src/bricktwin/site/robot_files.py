@@ -16,8 +16,14 @@ import numpy as np
 from brickhub.errors import TwinError
 from brickhub.robot import Robot
 from brickhub.robot.spec import with_end_stops
-from bricktwin.site.tab import together
 from bricktwin.site.tab.plain_values import plain
+from bricktwin.site.tab.robot_file import (
+    ANSWERED_MARK,
+    GROUP_MARK,
+    NAME_MARK,
+    SECTIONS,
+    TYPE_MARK,
+)
 from bricktwin.twin.arena import side_by_side
 from bricktwin.twin.make_body import lies_on_bench
 from bricktwin.twin.models.kept_models import robot_model
@@ -74,7 +80,7 @@ def robot_file(robot: Robot, scene: Scene = OPEN_FLOOR) -> dict[str, Any]:
 
 
 def sharing_file(robot: Robot) -> dict[str, Any]:
-    """Values for JSON of a robot that shares a world, as ``tab/together.py`` puts it there:
+    """Values for JSON of a robot that shares a world, as ``tab/robot_file.py`` puts it there:
     ``robot`` as plain values, ``sections`` of its MJCF text with marks in them, its number of
     ``motors``, and ``fields``, ``lengths`` and ``heads`` of the compiled model's numbers. Raises
     TwinError if it has no model, does not move about, or its model has what is not put together."""
@@ -88,7 +94,7 @@ def sharing_file(robot: Robot) -> dict[str, Any]:
     name = arena.robots[0].name
     sections = {}
     for section in root:
-        if section.tag in together.SECTIONS:
+        if section.tag in SECTIONS:
             sections[section.tag] = _marked(section, name)
         elif section.tag not in _OF_THE_WORLD:
             raise TwinError(
@@ -115,16 +121,16 @@ def _marked(section: ElementTree.Element, name: str) -> str:
             part.attrib.pop("class", None)
             part.attrib.pop("childclass", None)
             if part.tag == "geom" and part.get("contype", "1") != "0":
-                part.set("contype", together.TYPE)
-                part.set("conaffinity", together.ANSWERED)
+                part.set("contype", TYPE_MARK)
+                part.set("conaffinity", ANSWERED_MARK)
         if section.tag == "actuator":
-            element.set("group", f"{together.GROUP}{number}:")
+            element.set("group", f"{GROUP_MARK}{number}:")
         parts.append(ElementTree.tostring(element, "unicode").strip())
-    return "".join(parts).replace(f"{name}/", together.NAME)
+    return "".join(parts).replace(f"{name}/", NAME_MARK)
 
 
 def world_file(scene: Scene) -> dict[str, Any]:
-    """Values for JSON of a scene that robots share, as ``tab/together.py`` puts them there:
+    """Values for JSON of a scene that robots share, as ``tab/robot_file.py`` puts them there:
     ``scene`` as plain values, ``head`` of the MJCF text, ``sections``, each with what comes before
     the robots and after them, and numbers as of :func:`sharing_file`."""
     spec = world_spec(scene)
@@ -134,7 +140,7 @@ def world_file(scene: Scene) -> dict[str, Any]:
     head = ""
     sections = {}
     for section in root:
-        if section.tag in together.SECTIONS:
+        if section.tag in SECTIONS:
             before = ""
             after = ""
             for element in section:

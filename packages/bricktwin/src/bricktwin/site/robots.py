@@ -21,10 +21,10 @@ from bricktwin.twin.arena import COLORS, side_by_side
 from bricktwin.twin.engines.mujoco_engine import MujocoEngine
 from bricktwin.twin.make_body import lies_on_bench, make_body
 from bricktwin.twin.models.balance import lean_on_one_axle_deg
+from bricktwin.twin.models.shared_scene import Start, shared_scene, starts_in
 from bricktwin.twin.mujoco_arena import ArenaWorld, world_spec
 from bricktwin.twin.mujoco_body import MujocoBody
 from bricktwin.twin.scene import OPEN_FLOOR, Scene
-from bricktwin.twin.shared_scene import shared_scene, start_poses
 from bricktwin.twin.standing import Pose
 from bricktwin.view.around import view_around
 from bricktwin.view.body_drawing import drawing_of, drawing_of_model
@@ -105,7 +105,7 @@ def write_together(
     worlds: Mapping[str, Scene],
     known: Sequence[Mapping[str, Any]],
 ) -> dict[str, Any]:
-    """Write what ``tab/together.py`` and ``together.js`` put together, beside the files of
+    """Write what ``tab/robot_file.py`` and ``together.js`` put together, beside the files of
     :func:`write_robots`: a file of each robot that can share a world, and of each world that can be
     shared. Returns their index: ``robots``, by name, with their file and that of their meshes, and
     ``worlds``, with name, title, file, the most robots that have room there, and the file of a
@@ -187,12 +187,12 @@ def _disc_of(drawing: Drawing) -> dict[str, int]:
     return discs[-1]
 
 
-def _starts(scene: Scene) -> list[Pose]:
+def _starts(scene: Scene) -> list[Start]:
     """Where the robots of a scene start, as many as it has room for."""
-    starts: list[Pose] = []
+    starts: list[Start] = []
     for count in range(1, _MOST + 1):
         try:
-            starts = start_poses(scene, count)
+            starts = starts_in(scene, count)
         except TwinError:
             break
     return starts
@@ -200,7 +200,7 @@ def _starts(scene: Scene) -> list[Pose]:
 
 def _shared(
     scene: Scene,
-    starts: Sequence[Pose],
+    starts: Sequence[Start],
     meshes: list[Any],
 ) -> dict[str, Any]:
     """File of a scene that robots share, who start at these poses; ``meshes``: those of the file of
@@ -211,10 +211,11 @@ def _shared(
     described = drawing.described()
     described["meshes"] = _numbered(described["meshes"], meshes)
     numbers = [drawn.model_body for drawn in drawing.bodies]
-    views = [view_around(starts[:count]) for count in range(1, len(starts) + 1)]
+    places = [Pose(*start) for start in starts]
+    views = [view_around(places[:count]) for count in range(1, len(starts) + 1)]
     return {
         **world_file(scene),
-        "starts": [(start.x_m, start.y_m, start.heading_deg) for start in starts],
+        "starts": starts,
         "views": [asdict(view) for view in views],
         "drawing": {name: described[name] for name in ("meshes", "pictures", "bodies", "floor")},
         "start": _rounded(poses(engine.data.xpos[numbers], engine.data.xquat[numbers])),

@@ -19,11 +19,11 @@ from bricktwin.twin.engines.conventions import object_name
 from bricktwin.twin.engines.engine import Engine
 from bricktwin.twin.engines.rotations import yaw_quaternion
 from bricktwin.twin.model_physics import set_physics
+from bricktwin.twin.models.shared_scene import shared_scene, starts_in
 from bricktwin.twin.physics import Physics
 from bricktwin.twin.scene import OPEN_FLOOR, Scene
 from bricktwin.twin.senses import clockwise_deg
 from bricktwin.twin.settling import come_to_rest, halt, settle
-from bricktwin.twin.shared_scene import shared_scene, start_poses
 from bricktwin.twin.standing import Pose
 
 _MAX_DRAWS = 20_000
@@ -146,16 +146,12 @@ def side_by_side(robots: Sequence[Robot], scene: Scene = OPEN_FLOOR) -> Arena:
     for one robot alone."""
     scene = shared_scene(scene)
     contestants = []
-    for number, start in enumerate(start_poses(scene, len(robots))):
+    for number, (x_m, y_m, heading_deg) in enumerate(starts_in(scene, len(robots))):
         contestants.append(
             Contestant(
                 f"robot{number + 1}",
                 robots[number],
-                Place(
-                    (start.x_m, start.x_m),
-                    (start.y_m, start.y_m),
-                    (start.heading_deg, start.heading_deg),
-                ),
+                Place((x_m, x_m), (y_m, y_m), (heading_deg, heading_deg)),
                 COLORS[number % len(COLORS)],
             )
         )

@@ -1,5 +1,5 @@
 // What is drawn of robots that share a world, put together of their files by page and worker alike; their model is put together by
-// Python (tab/together.py), whose order of bodies is this one: the world, the robots, what can be pushed.
+// Python (tab/robot_file.py), whose order of bodies is this one: the world, the robots, what can be pushed.
 
 export const COLOURS = [[0.1, 0.6, 0.6], [0.9, 0.5, 0.1], [0.55, 0.35, 0.75], [0.85, 0.25, 0.35]]; // of the discs on the robots' hubs
 

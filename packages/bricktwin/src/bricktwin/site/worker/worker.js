@@ -99,7 +99,7 @@ const fetchFile = async (name) => (await fetchPacked(new URL(name, import.meta.u
 // One file of robots that share a world, of a file for each of them and for the world.
 async function fetchTogether(files) {
   const [world, ...robots] = await Promise.all([files.world, ...files.robots].map(fetchFile));
-  const putTogether = python.pyimport("bricktwin.site.tab.together").put_together_text;
+  const putTogether = python.pyimport("bricktwin.site.tab.robot_file").put_together_text;
   return { robot: JSON.parse(putTogether(JSON.stringify(robots), JSON.stringify(world))), ...together({ robots, world }) };
 }
 

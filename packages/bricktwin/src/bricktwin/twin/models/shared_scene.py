@@ -11,7 +11,6 @@ from dataclasses import replace
 from brickhub.errors import TwinError
 from bricktwin.twin.objects import Ball, Block, Point, Ramp, Solid, Wall
 from bricktwin.twin.scene import Scene
-from bricktwin.twin.standing import Pose
 
 APART_MM = 500.0
 """Distance between neighbours."""
@@ -24,6 +23,8 @@ _WAY_MM = 120.0
 lead through a wall."""
 _STEP_MM = 50.0
 
+Start = tuple[float, float, float]
+"""Place x, y (m) and heading (deg, clockwise) of a robot."""
 _Rectangle = tuple[Point, Point, float]
 """Middle and half sizes of a rectangle on the floor (mm), and its angle, counter-clockwise."""
 
@@ -62,7 +63,7 @@ def _made_for_one(scene: Scene) -> str:
     return next((part for part, is_there in parts.items() if is_there), "")
 
 
-def start_poses(scene: Scene, count: int) -> list[Pose]:
+def starts_in(scene: Scene, count: int) -> list[Start]:
     """Poses at which so many robots start: the first one where it would start alone, in the middle
     of its ranges, others where the scene says, further ones beside those, half a metre apart, and
     looking the same way. Raises TwinError if there is no room for them."""
@@ -81,7 +82,7 @@ def start_poses(scene: Scene, count: int) -> list[Pose]:
             f"there is no room for {count} robots in this scene; take fewer, or say where they "
             "start: others_start of the scene"
         )
-    return [Pose(x_mm / 1000, y_mm / 1000, turned_deg) for x_mm, y_mm, turned_deg in starts[:count]]
+    return [(x_mm / 1000, y_mm / 1000, turned_deg) for x_mm, y_mm, turned_deg in starts[:count]]
 
 
 def _middle(ends: Point) -> float:
