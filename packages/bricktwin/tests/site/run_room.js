@@ -5,11 +5,13 @@ import { isolate } from "./isolation.js";
 const tell = (answer) => fetch("told", { method: "POST", body: JSON.stringify(answer) });
 const pause = (ms) => new Promise((done) => setTimeout(done, ms));
 const ENDED = /finished|error|stopped|failed/;
-const PATIENCE_MS = 75_000;
+const PATIENCE_MS = 300_000;
 
 async function visit() {
   const frame = document.querySelector("iframe"), find = (selector) => frame.contentDocument.querySelector(selector);
-  // Where this page had to load itself once more, the frame's first visit is over, and the address alone opens it anew.
+  // Only now: a frame of a page that is not isolated yet is not, either, and shares no memory.
+  frame.src = "./#example=hear.py";
+  while (frame.contentWindow.location.pathname === "blank") await pause(100);
   while (!find("#hubs [role=tab]") || !/running|ready/.test(find("#state")?.textContent)) await pause(100);
   const opened = [...frame.contentDocument.querySelectorAll("#hubs [role=tab]")].map(({ textContent }) => textContent);
   if (find("#state").textContent === "ready") find("#run").click();
