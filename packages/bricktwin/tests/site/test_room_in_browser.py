@@ -286,19 +286,22 @@ def test_two_hubs_hear_each_other_in_each_browser(
     site: Site, browser_name: str, tmp_path: Path
 ) -> None:
     """Two robots in one world, in real time."""
-    for name in ("run_room.html", "run_room.js"):
-        shutil.copy(Path(__file__).with_name(name), site.folder)
+    shutil.copy(Path(__file__).with_name("run_room.js"), site.folder)
+    page = (site.folder / "index.html").read_text(encoding="utf-8")
+    script = '<script type="module" src="run_room.js"></script>\n</head>'
+    with_script = page.replace("</head>", script)
+    (site.folder / "run_room.html").write_text(with_script, encoding="utf-8")
     while not site.told.empty():
         site.told.get()
-    with any_browser.opened(browser_name, f"{site.address}run_room.html", tmp_path / "profile"):
+    address = f"{site.address}run_room.html#example=hear.py"
+    with any_browser.opened(browser_name, address, tmp_path / "profile"):
         told = site.told.get(timeout=500)
     assert "failed" not in told, told["failed"]
     assert told["isIsolated"]
-    visited = told["visited"]
-    assert visited["opened"] == ["Hub 1: hear.py", "Hub 2: tell.py"]
-    assert visited["shown"] == ["hear.py", "tell.py"]
-    heard = [line.split(" at ")[0] for line in visited["printed"].splitlines()]
+    assert told["opened"] == ["Hub 1: hear.py", "Hub 2: tell.py"]
+    assert told["shown"] == ["hear.py", "tell.py"]
+    heard = [line.split(" at ")[0] for line in told["printed"].splitlines()]
     assert heard == [f"hear: number {number}" for number in range(4)]
-    assert (visited["state"], visited["robot"]) == ("finished", "two-wheeler")
+    assert (told["state"], told["robot"]) == ("finished", "two-wheeler")
     # Firefox has no WebGL on a computer without a screen.
-    assert visited["isDrawn"] or browser_name == "firefox"
+    assert told["isDrawn"] or browser_name == "firefox"
