@@ -10,8 +10,16 @@ const tabs = () => [...document.querySelectorAll("#hubs [role=tab]")];
 // What is there when nothing comes any more.
 setTimeout(() => tell({ failed: JSON.stringify(["#state", "#hubs", "#note", "#console", "#clock", "#error"].map(textOf)) }), PATIENCE_MS);
 
-// Where the page loads itself once more, this script begins anew, too.
-while (!tabs().length || textOf("#state") !== "running") await pause(100);
+// Where the page loads itself once more, this script begins anew, too. On a busy computer the service worker may come too late at
+// the first visit, and the page says that it has no way in: then it is loaded again, as a person would.
+while (!tabs().length || textOf("#state") !== "running") {
+  const isAlone = document.body.dataset.page === "there" && !crossOriginIsolated;
+  if (isAlone && !sessionStorage.getItem("loaded-again")) {
+    sessionStorage.setItem("loaded-again", "yes");
+    location.reload();
+  }
+  await pause(100);
+}
 const opened = tabs().map(({ textContent }) => textContent);
 while (textOf("#state") === "running") await pause(100);
 const shown = tabs().map((_, number) => {
