@@ -2,6 +2,7 @@
 the edge it is below the sensor (proportional control)."""
 
 from collections.abc import Callable, Sequence
+from typing import Literal
 
 from brickhub.entry import Entry
 from brickhub.errors import DescriptionError
@@ -13,6 +14,7 @@ from brickhub.search.structure import formula_source
 _follow_edge: Callable[..., float] = follow_edge
 _MOST_GAIN = 5.0
 """Turn for each percent, deg/s, beyond which a robot swings from side to side."""
+Side = Literal["left", "right"]
 
 
 class EdgeFollowing:
@@ -21,22 +23,33 @@ class EdgeFollowing:
 
     Args:
         edge_pct: reflection halfway between line and floor.
-        top_mm_s: speed of an action of 1; 0 is that of -1.
+        speeds_mm_s: speeds of the actions -1 and 1.
         top_deg_s: turn rate of an action of 1.
+        side: the line's edge, where that is known: the other one is followed by turns to the other
+            side.
+
+    Attributes:
+        middle_mm_s, half_mm_s: speed of the action 0, and what an action of 1 adds to it.
     """
 
     def __init__(
         self,
         edge_pct: float,
-        top_mm_s: float,
+        speeds_mm_s: tuple[float, float],
         top_deg_s: float,
+        side: Side | None = None,
     ) -> None:
         self.edge_pct = edge_pct
-        self.top_mm_s = top_mm_s
         self.top_deg_s = top_deg_s
+        low_mm_s, high_mm_s = speeds_mm_s
+        self.middle_mm_s = (low_mm_s + high_mm_s) / 2
+        self.half_mm_s = (high_mm_s - low_mm_s) / 2
+        # Clockwise is positive: beside the left edge, brighter is where a right turn leads back.
+        most = 0.0 if side == "right" else _MOST_GAIN
+        least = 0.0 if side == "left" else -_MOST_GAIN
         self.numbers: tuple[Entry, ...] = (
-            Entry("speed", 0.0, top_mm_s, "mm/s"),
-            Entry("gain", -_MOST_GAIN, _MOST_GAIN, "deg/s"),
+            Entry("speed", low_mm_s, high_mm_s, "mm/s"),
+            Entry("gain", least, most, "deg/s"),
         )
 
     def act(
@@ -52,7 +65,7 @@ class EdgeFollowing:
             gain,
             self.top_deg_s,
         )
-        return [2 * speed_mm_s / self.top_mm_s - 1, turn]
+        return [(speed_mm_s - self.middle_mm_s) / self.half_mm_s, turn]
 
     def hub_source(self) -> str:
         """MicroPython that defines ``act_by(observed, numbers)``, as `act`."""
@@ -61,22 +74,29 @@ class EdgeFollowing:
             "def act_by(observed, numbers):",
             "    speed, gain = numbers",
             f"    turn = follow_edge(observed[0], {self.edge_pct:g}, gain, {self.top_deg_s:g})",
-            f"    return [2 * speed / {self.top_mm_s:g} - 1, turn]",
+            f"    return [(speed - {self.middle_mm_s:g}) / {self.half_mm_s:g}, turn]",
         ]
         return "\n".join(lines) + "\n"
 
 
-def edge_following(interface: Interface, edge_pct: float) -> EdgeFollowing:
+def edge_following(
+    interface: Interface,
+    edge_pct: float,
+    side: Side | None = None,
+) -> EdgeFollowing:
     """Following of an edge of that reflection by a robot that commands its speed and its turn rate,
-    and observes a reflection first. Raises DescriptionError for any other interface."""
+    and observes a reflection first. ``side``: the edge, where it is known. Raises DescriptionError
+    for any other interface."""
     first = interface.channels[0]
     if not isinstance(first, SensorReading) or first.method != "reflection":
         raise DescriptionError("who follows an edge observes a reflection first")
     match interface.commands:
-        case (DriveSpeed(low=0, high=top_mm_s), DriveTurnRate(low=low, high=top_deg_s)) if (
-            low == -top_deg_s
-        ):
-            return EdgeFollowing(edge_pct, top_mm_s, top_deg_s)
-    raise DescriptionError(
-        "who follows an edge commands a speed from 0 on, and a turn rate to both sides"
-    )
+        case (DriveSpeed() as speed, DriveTurnRate(low=low, high=top_deg_s)) if low == -top_deg_s:
+            speeds_mm_s = (speed.low, speed.high)
+            return EdgeFollowing(
+                edge_pct,
+                speeds_mm_s,
+                top_deg_s,
+                side,
+            )
+    raise DescriptionError("who follows an edge commands a speed, and a turn rate to both sides")

@@ -137,6 +137,8 @@ def _lacks(plan: Plan) -> Iterator[str]:
             f"line {lines}: part {unknown.number} is not in the catalogue, so that what it holds "
             "may be loose"
         )
+    for lack in plan.undrawn:
+        yield f"line {lack.line}: {lack.text}"
     for hub in plan.devices(DeviceKind.HUB)[1:]:
         yield f"line {hub.line}: {hub.name} is a second hub; only the first one counts"
     for mesh in meshes(plan.parts):
