@@ -29,6 +29,7 @@ from bricktwin.plans.planned_robot import planned_robot
 from bricktwin.robots.as_drawn import DrawnRobot
 from bricktwin.twin.models.balance import lean_on_one_axle_deg
 from bricktwin.twin.mujoco_body import MujocoBody
+from bricktwin.twin.objects import Line
 from bricktwin.twin.physics import Physics
 from bricktwin.twin.scene import OPEN_FLOOR, Scene
 from bricktwin.twin.senses import spot_mm
@@ -120,7 +121,7 @@ def follow_line(drawn: DrawnRobot) -> Task:
             f"line; let it look from {_SEES_FLOOR_MM:.0f} mm or less"
         )
     interface = interface_on(LINE_FOLLOW.interface, drawn.robot, {"light": light})
-    turned_deg = 0.0
+    objects = LINE_FOLLOW.scene.objects
     is_backwards = ahead_mm < 0.0
     # A turn towards the line takes a sensor that goes behind the wheels away from it. It goes ahead
     # of them where the robot drives backwards.
@@ -128,17 +129,15 @@ def follow_line(drawn: DrawnRobot) -> Task:
         speed, turn = interface.commands
         assert isinstance(speed, DriveSpeed)  # noqa: S101
         interface = replace(interface, commands=(DriveSpeed(-speed.high, -speed.low), turn))
-        turned_deg = 180.0
-        ahead_mm, left_mm = -ahead_mm, -left_mm
+        objects = tuple(_turned_round(line) for line in objects if isinstance(line, Line))
     along_mm, across_mm = _START_MM
-    low_deg, high_deg = LINE_FOLLOW.scene.heading_deg
     scene = replace(
         LINE_FOLLOW.scene,
         start_mm=(
             (-ahead_mm - along_mm, -ahead_mm + along_mm),
             (-left_mm - across_mm, -left_mm + across_mm),
         ),
-        heading_deg=(turned_deg + low_deg, turned_deg + high_deg),
+        objects=objects,
     )
     how = ", backwards" if is_backwards else ""
     return replace(
@@ -155,6 +154,11 @@ def follow_line(drawn: DrawnRobot) -> Task:
             "settle_steps": 0,
         },
     )
+
+
+def _turned_round(line: Line) -> Line:
+    """A line half a turn about the origin."""
+    return replace(line, points_mm=tuple((-x_mm, -y_mm) for x_mm, y_mm in line.points_mm))
 
 
 def remark_on_line(drawn: DrawnRobot) -> str:
