@@ -18,6 +18,7 @@ from brickhub.search.structure import source_by
 from brickhub.search.upright import upright
 from brickhub.user_files import load_object
 from bricksrl.agents import make_learner
+from bricksrl.agents.search.structures import make_structure
 from bricksrl.envs import get_task
 from bricksrl.envs.abilities import driving
 from bricksrl.envs.abilities.of_plans import offers
@@ -125,12 +126,30 @@ def test_a_line_is_followed_with_the_sensor_ahead_of_the_wheels(is_turned, tmp_p
     assert (speed.low, speed.high) == ((-100, -40) if is_turned else (40, 100))
     with closing(bricksrl.make(reference, seed=0)) as env:
         learner = make_learner("gait", env, settings_for(reference, "default", "gait"))
-        learner.actor.best.copy_(torch.tensor([math.copysign(60.0, speed.low), 2.5]))
+        learner.actor.best.copy_(torch.tensor([math.copysign(70.0, speed.low), 2.5, 0.6]))
         on_its_hub(learner, env)
         (score,) = play_episodes(env, learner.exploit, 1, seed=0)
     assert score.success
     # Faster is better in both directions, and the edge is as near.
     assert score.return_ > 40.0
+
+
+def test_an_edge_is_followed_by_the_same_numbers_in_a_batch():
+    with closing(bricksrl.make("LineFollow-v0", seed=0)) as env:
+        structure = make_structure(env, "edge")
+    observed = torch.tensor([[60.0, 0.0], [20.0, -30.0], [38.0, 12.0]])
+    numbers = torch.tensor([55.0, 1.5, 0.5])
+    shares = structure(observed, numbers.expand(3, -1))
+    for seen, share in zip(observed.tolist(), shares, strict=True):
+        assert share.tolist() == pytest.approx(structure.single.act(seen, numbers.tolist()))
+
+
+def test_who_sees_no_line_follows_no_edge():
+    with (
+        closing(bricksrl.make("RunAway-v0", seed=0)) as env,
+        pytest.raises(DescriptionError, match="observes the reflection of a line first"),
+    ):
+        make_structure(env, "edge")
 
 
 @pytest.mark.parametrize(

@@ -165,10 +165,15 @@ class Edge(nn.Module):
         observation: Tensor,
         numbers: Tensor,
     ) -> Tensor:
-        speed_mm_s, gain = numbers.split(1, -1)
+        speed_mm_s = numbers[..., :1]
+        gain = numbers[..., 1:2]
         off_pct = observation[..., :1] - self.single.edge_pct
         speed = (speed_mm_s - self.single.middle_mm_s) / self.single.half_mm_s
-        turn = gain * off_pct / self.single.top_deg_s
+        turn_deg_s = gain * off_pct
+        if self.single.yaw_rate is not None:
+            yaw_deg_s = observation[..., self.single.yaw_rate : self.single.yaw_rate + 1]
+            turn_deg_s = turn_deg_s + numbers[..., 2:] * yaw_deg_s
+        turn = turn_deg_s / self.single.top_deg_s
         # What all robots of a batch share has one row.
         return torch.cat((speed.expand_as(turn), turn), -1)
 
