@@ -35,3 +35,15 @@ def assert_fails(done: Done, says: str) -> None:
     assert (done.code, done.out) == (2, "")
     assert re.fullmatch(r"error: [^\n]+\n", done.err), done.err
     assert says in done.err
+
+
+def assert_explained(text: str) -> None:
+    """Expect that the help of a command has a placeholder of ours for each value, and words on each
+    option."""
+    assert not re.search(r"\b(INT|STR|PATH|FLOAT|BOOL)\b|\{None", text), text
+    boxed = "\n".join(line.strip("│") for line in text.splitlines() if line.startswith("│"))
+    for told in re.split(r"\n (?=\S)", f"\n{boxed}")[1:]:
+        _, _, words = told.strip().partition("  ")
+        said = re.sub(r"\((?:required|default: .*)\)", "", words)
+        # Of what nobody describes, only the name is said.
+        assert len(said.split()) > 1, f"nothing is said of {told}"

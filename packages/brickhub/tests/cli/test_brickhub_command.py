@@ -11,6 +11,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from in_process import assert_explained
 
 import brickhub as package
 from brickhub.cli import app
@@ -83,6 +84,7 @@ def test_help_of_a_command_has_examples(told, command: str) -> None:
         and f"\n  brickhub {command}" in out
     )
     assert told("help", command) == (code, out)
+    assert_explained(out)
 
 
 @pytest.mark.parametrize("command", ["", "run"])

@@ -8,11 +8,14 @@ import pathlib
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 
 import pytest
+
+from brickhub.cli import ending
 
 if os.name != "posix":
     pytest.skip("signals of POSIX", allow_module_level=True)  # whose names are missing elsewhere
@@ -130,6 +133,31 @@ def test_only_the_second_interrupt_has_a_deadline_where_something_is_saved() -> 
         assert process.poll() is None
         process.send_signal(signal.SIGINT)
         assert process.wait(LONGEST_S) == 130
+
+
+class _SaidInTheEnd(threading.Event):
+    """Set at the fourth look; the times that were waited for are kept."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.waited_s: list[float | None] = []
+
+    def wait(self, timeout: float | None = None) -> bool:
+        self.waited_s.append(timeout)
+        return len(self.waited_s) == 4
+
+
+def test_who_waits_is_told_after_a_second_and_then_each_five(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    said = _SaidInTheEnd()
+    ending._answer_interrupt(ending.End(is_said=said))
+    assert said.waited_s == [1.0, 5.0, 5.0, 5.0]
+    _, *still = capsys.readouterr().err.splitlines()
+    assert [line.split(";")[0] for line in still] == [
+        "still saving, for 6 s",
+        "still saving, for 11 s",
+    ]
 
 
 def test_first_interrupt_has_a_deadline_where_nothing_is_saved() -> None:

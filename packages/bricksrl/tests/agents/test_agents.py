@@ -28,12 +28,15 @@ from small import (
     tensors,
     weights,
 )
+from tensordict import TensorDict
 from torch import Tensor
+from torchrl.data import Bounded, Composite, Unbounded
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 
 from bricksrl.agents import AGENTS, make_learner
 from bricksrl.agents.learner import Learner
 from bricksrl.agents.settings import Norm
+from bricksrl.envs.specs import SpecsEnv, end_specs
 from bricksrl.errors import CheckpointError, DescriptionError
 
 
@@ -375,3 +378,22 @@ def _with(agent: str, **changes: Any) -> list[Tensor]:
             learner.remember(frames)
         learner.learn(2)
     return [*weights(learner), torch.tensor([learner.updates_per_step, learner.frames_per_batch])]
+
+
+def test_random_agent_of_images_alone_acts_in_any_batch() -> None:
+    """An image has three dimensions, which are no batch."""
+    spec = Composite(image=Bounded(0, 255, (8, 8, 3), dtype=torch.uint8))
+    env = SpecsEnv(
+        {
+            "observation_spec": spec,
+            "action_spec": Bounded(-1.0, 1.0, (2,)),
+            "reward_spec": Unbounded((1,)),
+            "done_spec": end_specs(),
+        },
+        None,
+    )
+    learner = make_learner("random", env)
+    for batch in ((), (5,), (2, 3)):
+        image = torch.zeros(*batch, 8, 8, 3, dtype=torch.uint8)
+        action = learner.explore(TensorDict({"image": image}, batch))["action"]
+        assert action.shape == (*batch, 2) and bool((action.abs() <= 1.0).all())

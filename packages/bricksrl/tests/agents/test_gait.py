@@ -13,6 +13,7 @@ from tensordict import TensorDict
 from torch import Tensor
 from torchrl.envs import EnvBase
 from torchrl.envs.utils import ExplorationType, set_exploration_type
+from toys import Cart
 
 import bricksrl
 from brickhub.hub.interface import Interface, MotorAngle, RunSpeed, Wait
@@ -385,3 +386,14 @@ def test_else_each_step_is_an_exchange_and_the_run_says_why(
 
 def test_a_simulation_has_no_hub_to_speak_of() -> None:
     assert searcher().use_hub_of(make("WalkerSim-v0", seed=0)) == ""
+
+
+@pytest.mark.parametrize("structure", ["upright", "approach"])
+def test_structures_that_act_on_the_hub_need_the_robot_itself(structure: str) -> None:
+    """Neither behind transforms, nor without a task of ours."""
+    env = make("RunAway-v0", seed=0, frame_skip=2)
+    settings = dataclasses.replace(preset("default", "gait"), structure=structure)
+    with pytest.raises(DescriptionError):
+        make_learner("gait", env, settings)
+    with pytest.raises(DescriptionError):
+        make_learner("gait", Cart(), settings)

@@ -384,3 +384,12 @@ def test_buffer_state_is_a_copy() -> None:
     assert state["rows"]["observation"].flatten().tolist() == [0.0, 1.0, 2.0, 3.0]
     assert state["successor"].tolist() == [1, 2, 3, 4]
     assert state["last"].tolist() == [3]
+
+
+def test_successors_are_kept_only_where_they_are_needed() -> None:
+    """One-step returns need none, and a buffer may have millions of rows."""
+    plain, of_three = memory(n_step=1), memory(n_step=3)
+    for buffer in (plain, of_three):
+        buffer.extend(numbered(0, 10))
+    assert "successor" not in memory_state(plain) and "last" not in memory_state(plain)
+    assert len(memory_state(of_three)["successor"]) == 10

@@ -9,7 +9,7 @@ from small import ENV, learned, make, same, saved, steps, weights
 from torch import Tensor, nn
 
 from bricksrl.agents.actor_critic import ActorCriticLoss
-from bricksrl.agents.anchor import REACH, PolicyAnchor
+from bricksrl.agents.anchor import REACH, REACH_ON_BASE, PolicyAnchor
 from bricksrl.agents.gradient_descent import GradientLearner
 from bricksrl.agents.teachers import ALPHA, Base, Scripted, add_base, imitate
 from bricksrl.errors import RunError
@@ -186,3 +186,31 @@ def test_taught_policy_does_not_collapse(monkeypatch: pytest.MonkeyPatch) -> Non
         learner.make_updates(30)
         distances.append(float((acts(learner) - before).square().mean().sqrt()))
     assert distances[0] < 0.5 * distances[1]
+
+
+def test_anchor_holds_what_acts_on_a_base_more_loosely() -> None:
+    """It may move by a share of the range on its own, and less where a base acts already."""
+    alone, (on_base, _) = make("sac", seed=5), of_base()
+    of(alone).anchor_actor()
+    of(on_base).anchor_actor()
+    reaches = [of(learner).anchor._reach for learner in (alone, on_base)]  # type: ignore[union-attr]
+    assert reaches == [REACH, REACH_ON_BASE] and REACH != REACH_ON_BASE
+
+
+def test_anchor_counts_only_what_is_learned() -> None:
+    actor = nn.Linear(3, 2)
+    hold = PolicyAnchor(actor, 2, updates=2)
+    features = torch.randn(4, 3)
+    with torch.no_grad():
+        out = actor(features)
+        assert hold(features, out) is out
+    assert hold.updates_made == 0
+    for _ in range(4):
+        hold(features, actor(features))
+    assert hold.updates_made == 2, "after them nothing is held, nor counted"
+
+
+def test_numbers_of_a_controller_are_those_of_networks() -> None:
+    """NumPy's own are twice as long."""
+    base = Base(Scripted(lambda state: np.zeros(4, np.float64), ["observation"]))
+    assert base(steps(2)).dtype == torch.float32

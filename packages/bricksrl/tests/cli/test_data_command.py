@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -34,3 +35,40 @@ def test_other_folders_cannot(tmp_path: Path, name: str) -> None:
     (tmp_path / "empty").mkdir()
     with pytest.raises(DataError, match=name):
         check_existing(Push(tmp_path / name, "me/mine"))
+
+
+@pytest.mark.parametrize(
+    ("kind", "options"),
+    [("push_dataset", {}), ("push_policy", {"policy": True}), ("push_log", {})],
+)
+def test_what_is_shared_is_pushed_as_it_was_asked_for(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    kind: str,
+    options: dict[str, bool],
+) -> None:
+    shared = make(tmp_path / "log.jsonl") if kind == "push_log" else tmp_path
+    pushed: list[tuple[Any, ...]] = []
+
+    def push(folder: Path, repo: str, *, private: bool, licence: str) -> str:
+        pushed.append((folder, repo, private, licence))
+        return "https://hub/me/mine"
+
+    def other(*_: object, **__: object) -> str:
+        raise AssertionError("that is something else")
+
+    monkeypatch.setattr("bricksrl.cli.data.load_learning", lambda: None)
+    for module, name in (
+        ("data.share", "push_dataset"),
+        ("data.share", "push_log"),
+        ("policies.sharing", "push_policy"),
+    ):
+        monkeypatch.setattr(f"bricksrl.{module}.{name}", push if name == kind else other)
+    Push(shared, "me/mine", **options).execute()
+    Push(shared, "me/mine", private=True, licence="cc-by-4.0", **options).execute()
+    assert pushed == [
+        (shared, "me/mine", False, "mit"),
+        (shared, "me/mine", True, "cc-by-4.0"),
+    ]
+    assert capsys.readouterr().out == "https://hub/me/mine\n" * 2

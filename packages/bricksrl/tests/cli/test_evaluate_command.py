@@ -7,6 +7,7 @@ import json
 import re
 import shutil
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -14,10 +15,13 @@ from brickhub.errors import HubNotFoundError
 from brickhub.hub.link.lockstep import HubLink
 from brickhub.virtual.virtual_transport import VirtualHub
 from bricksrl.cli import main
+from bricksrl.cli.evaluate import Export, _is_own, print_comparison
 from bricksrl.envs import get_task
 from bricksrl.envs.connection import Connection
 from bricksrl.envs.env import HubEnv
-from bricksrl.training import TrainConfig, train
+from bricksrl.errors import RunError
+from bricksrl.evaluation.comparison import compare
+from bricksrl.training import Episode, Phase, RunFolder, TrainConfig, train
 from bricktwin.twin.make_body import make_body
 
 EXAMPLES = Path(__file__).parents[4] / "examples"
@@ -156,3 +160,63 @@ def test_user_is_asked_to_place_robot_each_episode(fails, trained, monkeypatch, 
     monkeypatch.setattr("sys.stdin", io.StringIO(""))
     assert main(["evaluate", str(trained[0]), "--hub", "ble"]) == 2
     assert "nobody can be asked" in capfd.readouterr().err
+
+
+@pytest.mark.parametrize(("agents", "seeds", "says"), [(1, 1, False), (2, 1, True), (2, 5, False)])
+def test_comparison_says_where_chance_decides(
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    agents: int,
+    seeds: int,
+    says: bool,
+) -> None:
+    """Between two agents with few seeds, and of none for a single one."""
+    paths = [
+        tmp_path / agent / str(seed) for agent in ("sac", "td3")[:agents] for seed in range(seeds)
+    ]
+    for path in paths:
+        folder = RunFolder(path)
+        path.mkdir(parents=True)
+        seed = int(path.name)
+        folder.write_config(TrainConfig("Walker-v0", path.parent.name, seed=seed))
+        folder.write_episodes([Episode(1, Phase.TRAIN, 1200, 10, -1.0 - seed, None)])
+    print_comparison(compare(paths))
+    said = " ".join(capsys.readouterr().out.split())
+    assert ("chance with so few: train 5 seeds of each (`--seeds 5`)" in said) == says
+    assert ("with probability" in said) == (seeds == 5) and "1,200" in said
+    assert ("needs 5 seeds" in said) == (seeds < 5)
+
+
+def test_policy_that_comes_with_bricksrl_is_named_by_its_environment(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert _is_own(Path("Walker-v1"))
+    assert not _is_own(Path("runs/walker")), "there is no such run, which is said elsewhere"
+    (tmp_path / "Walker-v1").mkdir()
+    assert not _is_own(Path("Walker-v1")), "a folder of that name is a run"
+
+
+@pytest.mark.parametrize(("best", "which"), [(False, "last"), (True, "best")])
+def test_export_is_of_the_checkpoint_that_was_asked_for(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    best: bool,
+    which: str,
+) -> None:
+    asked: list[Any] = []
+
+    def export(*given: Any, which: str) -> float:
+        asked.append((*given, which))
+        return 0.0015
+
+    monkeypatch.setattr("bricksrl.cli.evaluate.load_learning", lambda: None)
+    monkeypatch.setattr("bricksrl.policies.export.export_model", export)
+    out = tmp_path / "policy.onnx"
+    Export(Path("runs/one"), out, "onnx", best=best).execute()
+    assert asked == [(Path("runs/one"), out, "onnx", which)]
+    says = f"written  {out}  (its actions differ by 0.0015 at most from the policy's)\n"
+    assert capsys.readouterr().out == says
+    with pytest.raises(RunError, match="is exported with --format hub only; add it"):
+        Export(Path("Walker-v1"), out, "onnx").execute()

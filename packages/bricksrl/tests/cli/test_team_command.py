@@ -166,3 +166,12 @@ def test_wrong_number_is_named(
 ) -> None:
     assert run(["team", "Tag-v0", *wrong]) == 2
     assert capsys.readouterr().err == f"error: {says}\n"
+
+
+def test_what_is_kept_of_a_team_is_said_with_the_command_for_it(tmp_path: Path) -> None:
+    folder = tmp_path / "my team"
+    folder.mkdir()
+    assert team._kept(folder) == "nothing was saved"
+    (folder / team.TEAM_FILE).touch()
+    says = f"the team is in {folder}; `bricksrl team --play '{folder}'` plays with it"
+    assert team._kept(folder) == says

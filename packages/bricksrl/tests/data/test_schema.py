@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from toy_data import SEEING, TOY
 
-from bricksrl.data.schema import Description
+from bricksrl.data.schema import Description, digest_of
 from bricksrl.errors import DataError
 
 
@@ -37,8 +37,25 @@ def test_description_survives_its_file(description: Description) -> None:
 )
 def test_description_that_cannot_be_is_refused(changed: dict[str, Any]) -> None:
     values = {**json.loads(TOY.to_json()), **changed}
-    with pytest.raises(DataError, match="here"):
-        Description.from_json(json.dumps(values).encode(), "here")
+    del values["sha256"]
+    whole = {**values, "sha256": digest_of(values)}
+    with pytest.raises(DataError, match="here") as error:
+        Description.from_json(json.dumps(whole).encode(), "here")
+    assert "was edited" not in str(error.value)
+
+
+def test_a_spoiled_letter_or_digit_is_noticed() -> None:
+    data = TOY.to_json()
+    for place, byte in enumerate(data):
+        spoiled = data[:place] + bytes([byte ^ 1]) + data[place + 1 :]
+        try:
+            values = json.loads(spoiled)
+        except ValueError:
+            continue
+        # Spaces between the values may change.
+        if values != json.loads(data):
+            with pytest.raises(DataError, match="here"):
+                Description.from_json(spoiled, "here")
 
 
 @pytest.mark.parametrize(

@@ -18,7 +18,7 @@ from brickhub.files import writing
 from bricksrl.agents import preset
 from bricksrl.cli import main
 from bricksrl.data import load
-from bricksrl.data.share import pull_dataset, push_dataset, push_log
+from bricksrl.data.share import hub_client, pull_dataset, push_dataset, push_log
 from bricksrl.errors import CheckpointError, DataError, RunError, WriteError
 from bricksrl.policies import load_policy, sharing
 from bricksrl.policies.sharing import export_policy, is_policy, pull_policy, push_policy
@@ -194,3 +194,21 @@ def test_log_of_a_measured_robot_goes_to_the_hub(
     path.write_text("secrets\n")
     with pytest.raises(TwinError, match="it is another file"):
         push_log(path, "me/logs")
+
+
+@pytest.mark.parametrize(
+    ("error", "is_of_network"),
+    [
+        (OSError("no route to host"), True),
+        (ConnectionResetError(errno.ECONNRESET, "reset by peer"), True),
+        (OSError(errno.ENOSPC, "no space left on device"), False),
+        (FileNotFoundError(errno.ENOENT, "no such file", "data.parquet"), False),
+    ],
+)
+def test_error_of_a_file_is_none_of_the_network(error: OSError, is_of_network: bool) -> None:
+    with pytest.raises(DataError if is_of_network else OSError) as caught, hub_client("me/mine"):
+        raise error
+    if is_of_network:
+        assert "cannot be reached" in str(caught.value) and "with a network" in str(caught.value)
+    else:
+        assert caught.value is error

@@ -355,6 +355,7 @@ def test_what_is_no_number_each_is_refused(reading: Any) -> None:
         ({"entries": ()}, "give a name of letters and digits, and either entries or image_px"),
         ({"name": "my sensor"}, "give a name of letters"),
         ({"rate_hz": 0.0}, "give a rate and a patience above 0"),
+        ({"patience_s": 0.0}, "give a rate and a patience above 0"),
         ({"image_px": 8}, "either entries or image_px"),
         ({"open": "COM3"}, "open is 'COM3'; give a function"),
         ({"open": lambda port: port}, "open of sensor 'clock' takes other arguments"),

@@ -215,3 +215,37 @@ def test_curve_of_one_episode_is_visible() -> None:
     assert [tick for tick in axes.get_xticks() if low <= tick <= high] == [
         1.0
     ] and line.get_marker() == "o"
+
+
+def test_steps_of_a_group_are_those_of_its_longest_run(tmp_path: Path) -> None:
+    config = TrainConfig("Walker-v0")
+    for seed, count in enumerate((3, 5, 2)):
+        write_run(tmp_path / f"{seed}", replace(config, seed=seed), [-1.0] * count)
+    (group,) = compare([tmp_path / f"{seed}" for seed in range(3)]).groups
+    assert group.steps == 50 and [len(curve) for curve in group.curves] == [3, 5, 2]
+
+
+@pytest.mark.parametrize(
+    ("seeds", "has_band", "lines"), [(1, False, 1), (4, False, 5), (5, True, 1)]
+)
+def test_five_seeds_have_a_band_and_fewer_each_their_curve(
+    tmp_path: Path, seeds: int, has_band: bool, lines: int
+) -> None:
+    config = TrainConfig("Walker-v0")
+    for seed in range(seeds):
+        write_run(tmp_path / f"{seed}", replace(config, seed=seed), [-2.0, -1.0 - seed])
+    (group,) = compare([tmp_path / f"{seed}" for seed in range(seeds)]).groups
+    axes = new_figure().subplots()
+    comparison._draw_group(axes, group, "red", "sac")
+    assert bool(axes.collections) == has_band and len(axes.lines) == lines
+
+
+def test_axes_have_plain_numbers() -> None:
+    axes = new_figure().subplots()
+    axes.plot([1, 2], [0.0, 2000.5], label="return")
+    finish(axes)
+    along, up = axes.xaxis.get_major_formatter(), axes.yaxis.get_major_formatter()
+    assert (along(1200.0, 0), up(0.0, 0), up(2000.5, 0)) == ("1,200", "0", number(2000.5))
+    assert axes.figure.legends
+    finish(other := new_figure().subplots(), legend=False)
+    assert not other.figure.legends

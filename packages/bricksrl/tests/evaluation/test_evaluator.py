@@ -27,10 +27,11 @@ from bricksrl.envs.task import Entry
 from bricksrl.errors import CheckpointError, DescriptionError, RenderingUnavailableError, RunError
 from bricksrl.evaluation import evaluate
 from bricksrl.evaluation.comparison import compare
+from bricksrl.evaluation.evaluator import MAX_COPIES
 from bricksrl.evaluation.film import film_run, filmed_env, side_by_side
 from bricksrl.evaluation.statistics import wilson_interval
 from bricksrl.policies.sharing import export_policy
-from bricksrl.training import TrainConfig, train
+from bricksrl.training import RunFolder, TrainConfig, train
 from bricktwin.twin.physics import Physics
 from bricktwin.twin.render.opengl import VideoWriter
 
@@ -114,6 +115,7 @@ def test_evaluation_result_is_consistent_and_saved(run_dir: Path) -> None:
     assert result.return_interval.low <= result.return_mean <= result.return_interval.high
     assert result.return_mean > 5.0
     assert result.success_rate is None
+    assert result.as_trained
     assert heard == list(enumerate(result.returns, 1))
     data = json.loads(result.to_json())
     assert json.loads((run_dir / "evaluation.json").read_text()) == data
@@ -127,7 +129,7 @@ def test_successes_and_metrics_are_counted(run_dir: Path) -> None:
 
     env = Judged()
     result = evaluate(run_dir, env, episodes=4)
-    assert result.env == "Judged-v0"
+    assert result.env == "Judged-v0" and not result.as_trained
     assert result.success_rate == 1.0
     assert result.success_interval == wilson_interval(4, 4)
     assert 600.0 < result.metrics["final_position_mm"] <= 1000.0
@@ -307,3 +309,37 @@ def test_film_ends_with_the_return_of_the_episode(
     for number, score in enumerate(scores, 1):
         assert f"step {score.length}   " in last[f"episode {number}"]
         assert f"return {score.return_:.1f}" in last[f"episode {number}"]
+
+
+@pytest.mark.parametrize(("named", "copies"), [({}, 3), ({"frame_skip": 2}, 1)])
+def test_simulation_is_evaluated_in_as_many_copies_as_episodes(
+    tmp_path: Path, named: dict[str, Any], copies: int
+) -> None:
+    """One after the other behind transforms, which may have a memory."""
+    run = RunFolder.create(
+        TrainConfig("WalkerSim-v0", "random", episodes=1, run_dir=tmp_path / "run"), {}
+    )
+    seen: list[Any] = []
+
+    def stop(env: Any) -> None:
+        seen.append(env.batch_size.numel())
+        raise InterruptedError
+
+    with pytest.raises(InterruptedError):
+        evaluate(run.path, episodes=3, on_env=stop, **named)
+    assert seen == [copies]
+
+
+def test_many_episodes_are_evaluated_in_rounds_of_copies(tmp_path: Path) -> None:
+    run = RunFolder.create(
+        TrainConfig("WalkerSim-v0", "random", episodes=1, run_dir=tmp_path / "run"), {}
+    )
+    seen: list[int] = []
+
+    def stop(env: Any) -> None:
+        seen.append(env.batch_size.numel())
+        raise InterruptedError
+
+    with pytest.raises(InterruptedError):
+        evaluate(run.path, episodes=2000, on_env=stop)
+    assert seen == [MAX_COPIES]

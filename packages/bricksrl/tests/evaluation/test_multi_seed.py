@@ -115,3 +115,11 @@ def test_seeds_end_with_a_program_that_is_killed(tmp_path: Path) -> None:
         str(tmp_path / "all"),
     ]
     assert_runs_end_with(run, tmp_path)
+
+
+def test_several_seeds_are_two_to_a_limit() -> None:
+    for count in (2, multi_seed.MAX_SEEDS):
+        multi_seed.check_count(count)
+    for count in (0, 1, multi_seed.MAX_SEEDS + 1):
+        with pytest.raises(RunError, match=f"^seeds is {count}; give 2 to {multi_seed.MAX_SEEDS}"):
+            multi_seed.check_count(count)

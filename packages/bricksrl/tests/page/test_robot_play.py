@@ -11,6 +11,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Iterator
+from concurrent.futures import Future
 from contextlib import closing, contextmanager
 from urllib.request import urlopen
 
@@ -21,15 +22,17 @@ from browser import chromium, tab
 from forked import ForkServer, Scratch
 
 import bricksrl
+from bricksrl.envs import get_task
 from bricksrl.envs.make import make
 from bricksrl.envs.tasks.scripted import CONTROLLERS
 from bricksrl.errors import StoppedError
 from bricksrl.page.live import LivePage
 from bricksrl.page.play import play_on_page, resting_player
-from bricksrl.page.robot_play import play_robot
+from bricksrl.page.robot_play import Judge, play_robot
 
 MOVED = """
 import sys
+from bricksrl.envs import get_task
 from bricksrl.envs.make import make
 from bricksrl.page import live, robot_play
 from bricksrl.policies.by_name import array_policies
@@ -187,3 +190,20 @@ def test_demo_walks_in_the_browser(processes):
         ).wait_for()
         page.locator("#policy").select_option("random")
         page.locator("[data-fact=return]").wait_for()
+
+
+def test_judge_counts_what_was_seen_before_it_could_judge():
+    task = get_task("RunAway-v0")
+    judge = Judge(task)
+    near, far, farthest = ([0.0, 0.0, 0.0, 0.0, mm] for mm in (200.0, 300.0, 1990.0))
+    judge._torch = Future()  # still being loaded
+    judge.see(near, [1.0], far)
+    judge.see(far, [1.0], near)
+    assert (judge.total, judge.rewards, judge.is_over) == (0.0, [], False)
+    judge._torch.set_result(torch)
+    judge.see(near, [1.0], far)
+    assert (judge.total, judge.rewards, judge.is_over) == (1.0, [1.0, -1.0, 1.0], False)
+    judge.see(far, [1.0], farthest)
+    assert judge.end() == 2.0 and judge.is_over == bool(task.terminated(torch.tensor(farthest)))
+    judge.begin()
+    assert (judge.total, judge.rewards, judge.is_over, judge.end()) == (0.0, [], False, 0.0)

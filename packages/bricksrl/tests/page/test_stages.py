@@ -4,6 +4,7 @@ its input does."""
 from __future__ import annotations
 
 import asyncio
+import json
 import os
 import signal
 import subprocess
@@ -18,7 +19,10 @@ from bricksrl.page import start as start_page
 from bricksrl.page.board import Board
 from bricksrl.page.server import PageServer
 from bricksrl.page.start import StartPage
-from bricksrl.page.visitors import Visitor
+from bricksrl.page.visitors import Visitor, Visitors
+from bricksrl.training.callbacks import Episode, Phase
+from bricksrl.training.config import TrainConfig
+from bricksrl.training.run_folder import RunFolder
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="cat is a program of POSIX")
 
@@ -324,3 +328,191 @@ def test_browser_that_is_gone_is_no_error(
 
 async def called(loop: asyncio.AbstractEventLoop, error: Exception) -> None:
     loop.call_exception_handler({"message": "a callback failed", "exception": error})
+
+
+@pytest.mark.parametrize(
+    ("action", "value"),
+    [
+        ("train", "my_task.py"),
+        ("play", "runs/x"),
+        ("watch", "../x"),
+        ("compare", ["x"]),
+        ("booklet", "/etc/passwd"),
+        ("look", "/etc/passwd"),
+        ("teach", "rover.ldr:walk"),
+        ("check ble:X", "RunAway-v0"),
+        ("check ble", None),
+        ("drive", {"a": 1}),
+        ("game", 3),
+        ("shout", "Tag-v0"),
+    ],
+)
+def test_values_that_the_page_does_not_know_start_nothing(
+    action: str, value: object, tmp_path: Path
+) -> None:
+    def launch(*_: object) -> object:
+        raise AssertionError("something was started")
+
+    page = StartPage(tmp_path, launch=launch)
+    page._press(action, value)
+    status = page.board.status[1]
+    assert status["message"] and not status["jobs"]
+    page.close()
+
+
+def test_each_environment_has_a_picture(tmp_path: Path) -> None:
+    page = StartPage(tmp_path)
+    for card in page.board.status[1]["cards"]:
+        kind, data = page.file(f"{card['env']}.jpg")
+        assert kind == "image/jpeg" and 3_000 < len(data) < 60_000
+    plans = set(page.board.status[1]["plans"])
+    assert plans == {"two-wheeler", "ev3-driver", "walker", "robo-arm"}
+    # The repository has the booklets of all of them, which open without being drawn.
+    assert set(page.board.status[1]["booklets"]) == plans
+    kind, data = page.file("booklets/walker.pdf")
+    assert kind == "application/pdf" and data.startswith(b"%PDF-")
+    assert page.file("booklets/../walker.pdf") is None and page.file("walker.pdf") is None
+    assert page.file("../start.py") is None and page.file("") == page.file("start.html")
+    page.close()
+
+
+def test_pupil_has_name_report_and_class_table(tmp_path: Path) -> None:
+    """What is typed is one word of the command, whatever it is."""
+    started = list[Sequence[str]]()
+
+    def launch(words: Sequence[str], folder: Path) -> object:
+        started.append(words)
+        return subprocess.Popen([sys.executable, "-c", ""], stdout=subprocess.PIPE, text=True)
+
+    page = StartPage(tmp_path, launch=launch)
+    visitors = Visitors()
+    for number, name in enumerate(("Anna", "--episodes 9", "x" * 41, "a\nb", "")):
+        page._press("train", "RunAway-v0", visitors.arrive(f"browser {number}", name))
+    names = [words[-1] for words in started if words[-1].startswith("--name")]
+    assert names == ["--name=Anna", "--name=--episodes 9", "--name=" + "x" * 24, "--name=a b"]
+    run = tmp_path / "runs" / "one"
+    run.mkdir(parents=True)
+    folder = RunFolder(run)
+    folder.write_config(TrainConfig(env="RunAway-v0", name="Anna"))
+    folder.write_episodes([Episode(1, Phase.TRAIN, 10, 10, 13.3, None)])
+    (run / "report.html").write_text("a report")
+    scores = {
+        "return_mean": 20.0,
+        "return_std": 0.0,
+        "episodes": 5,
+        "trained_episodes": 1,
+        "as_trained": True,
+    }
+    folder.evaluation_path.write_text(json.dumps(scores))
+    page._press("class", "runs")
+    assert started[-1] == ["compare", "--class", "runs"]
+    (shown,) = page.board.status[1]["runs"]
+    assert (shown["pupil"], shown["return"], shown["score"], shown["has_report"]) == (
+        "Anna",
+        20.0,
+        "evaluation",
+        True,
+    )
+    assert page.file("runs/one/report.html") == ("text/html; charset=utf-8", b"a report")
+    for name in (
+        "runs/one/config.json",
+        "runs/../report.html",
+        "runs/one/../one/report.html",
+        "runs/two/report.html",
+    ):
+        assert page.file(name) is None
+    page.close()
+
+
+def test_job_is_described_with_its_end(page: StartPage, people: tuple[Visitor, Visitor]) -> None:
+    ada, ben = people
+    page._press("drive", "Spinning-v0", ada)
+    page._press("train", "RunAway-v0")
+    training, drive = page.board.status[1]["jobs"]
+    assert (drive["number"], drive["action"], drive["about"]) == (1, "drive", "Spinning-v0")
+    assert (drive["owner"], drive["code"], drive["why"]) == ("Ada", None, "")
+    assert (training["number"], training["owner"], training["lines"]) == (2, "", [])
+    page._press("end", 1, ada)
+    assert page.board.status[1]["jobs"][1]["why"] == "", "one's own end needs no reason"
+    page.visitors.leave(ada, closed=True)
+    page._press("end", 2, ben)
+    (training, drive) = page.board.status[1]["jobs"]
+    assert (drive["code"], training["code"]) == (0, 0) and training["why"] == ""
+    page._press("drive", "Spinning-v0", ada)
+    ada.left_s -= 100.0
+    page._press("end", 3, ben)
+    assert page.board.status[1]["jobs"][0]["why"] == "ended by Ben"
+
+
+def test_command_has_page_seed_and_file_as_its_action_needs(tmp_path: Path) -> None:
+    started = list[Sequence[str]]()
+
+    def note(words: Sequence[str], folder: Path) -> object:
+        assert folder == tmp_path
+        started.append(words)
+        return subprocess.Popen([sys.executable, "-c", ""], stdout=subprocess.PIPE, text=True)
+
+    run = tmp_path / "runs" / "one"
+    run.mkdir(parents=True)
+    RunFolder(run).write_config(TrainConfig(env="RunAway-v0"))
+    RunFolder(run).write_episodes([])
+    page = StartPage(tmp_path, launch=note)
+    for action, value in (
+        ("train", "RunAway-v0"),
+        ("train", "Spinning-v0"),
+        ("watch", "one"),
+        ("compare", ["one"]),
+        ("booklet", "walker"),
+        ("check usb", "RunAway-v0"),
+        ("game", "Tag-v0"),
+    ):
+        page._press(action, value)
+        assert not page.board.status[1]["message"]
+    host = ["--page-host", "127.0.0.1"]
+    assert started == [
+        ["train", "RunAway-v0", "--page", *host, "--seed", "1"],
+        ["train", "Spinning-v0", "--page", *host, "--seed", "0"],
+        ["play", "runs/one", "--page", *host],
+        ["compare", "runs/one", "--out", "None/4.png"],
+        ["plan", "steps", "walker", "--out", "None/5.pdf"],
+        ["hub", "check", "RunAway-v0", "--hub", "usb", "--yes"],
+        ["team", "Tag-v0", "--page", *host],
+    ]
+    page.close()
+
+
+def test_runs_show_their_curve_and_what_is_to_be_trusted(tmp_path: Path) -> None:
+    page = StartPage(tmp_path, launch=launch)
+    for name, count in (("short", 7), ("long", 130), ("new", 0)):
+        folder = RunFolder(tmp_path / "runs" / name)
+        folder.path.mkdir(parents=True)
+        folder.write_config(TrainConfig(env="RunAway-v0", seed=3))
+        folder.write_episodes(
+            [Episode(n, Phase.TRAIN, n, 1, float(n), None) for n in range(1, count + 1)]
+        )
+        os.utime(folder.config_path, (count + 1, count + 1))
+    strange = tmp_path / "runs" / "a friend's"
+    strange.mkdir()
+    config = {**TrainConfig(env="RunAway-v0").to_dict(), "env": "their_task.py"}
+    text = json.dumps({"bricksrl_run": 1, "config": config})
+    (strange / "config.json").write_text(text)
+    page._tick()
+    status = page.board.status[1]
+    (untrusted,) = status["untrusted"]
+    assert untrusted["name"] == "a friend's" and untrusted["allow"].startswith("bricksrl trust ")
+    long, short, new = status["runs"]
+    assert [run["name"] for run in (long, short, new)] == ["long", "short", "new"], "latest first"
+    assert short["points"] == [1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0]
+    assert short["return"] == 5.0 and short["score"] == "mean of the last 5 episodes"
+    assert (short["env"], short["agent"], short["seed"]) == ("RunAway-v0", "sac", 3)
+    assert long["points"][:3] == [1.0, 4.0, 7.0] and (long["episodes"], long["return"]) == (
+        130,
+        128.0,
+    )
+    assert (new["points"], new["return"], new["has_report"], new["has_film"]) == (
+        [],
+        None,
+        False,
+        False,
+    )
+    page.close()

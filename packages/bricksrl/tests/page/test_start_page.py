@@ -6,7 +6,6 @@ import json
 import os
 import shutil
 import subprocess
-import sys
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -16,13 +15,9 @@ import pytest
 from browser import TIMEOUT_MS, chromium
 from forked import Forked, ForkServer
 
-from bricksrl.page.drawings import Drawings
 from bricksrl.page.server import PageOptions
 from bricksrl.page.start import StartPage
-from bricksrl.page.visitors import Visitors
-from bricksrl.training.callbacks import Episode, Phase
 from bricksrl.training.config import TrainConfig
-from bricksrl.training.run_folder import RunFolder
 
 pytestmark = pytest.mark.realtime
 SIX_LEGS = Path(__file__).parents[4] / "examples" / "15_six_legs.ldr"
@@ -154,54 +149,6 @@ def test_drawing_in_the_folder_is_looked_at_and_taught(
         page.locator("#runs li", has_text="mine.ldr:walk").wait_for()
 
 
-def test_what_was_found_in_a_drawing_is_forgotten_when_it_changes(tmp_path: Path) -> None:
-    drawing = tmp_path / "mine.ldr"
-    drawing.write_text("0 A robot", encoding="utf-8")
-    drawings = Drawings(tmp_path)
-    can = {"name": "walk", "sentence": "walk forward", "reason": ""}
-    cannot = {"name": "park", "sentence": "park in a bay", "reason": "no motor turns a wheel"}
-    found = {"abilities": [can, cannot]}
-    assert drawings.described() == [{"name": "mine.ldr", "found": None}]
-    drawings.take("mine.ldr", ["a warning", json.dumps(found)])
-    assert drawings.described() == [{"name": "mine.ldr", "found": found}]
-    assert drawings.goals() == ["mine.ldr:walk"]
-    changed_s = drawing.stat().st_mtime + 10
-    os.utime(drawing, (changed_s, changed_s))
-    assert drawings.goals() == []
-    drawing.unlink()
-    assert drawings.described() == []
-
-
-@pytest.mark.parametrize(
-    ("action", "value"),
-    [
-        ("train", "my_task.py"),
-        ("play", "runs/x"),
-        ("watch", "../x"),
-        ("compare", ["x"]),
-        ("booklet", "/etc/passwd"),
-        ("look", "/etc/passwd"),
-        ("teach", "rover.ldr:walk"),
-        ("check ble:X", "RunAway-v0"),
-        ("check ble", None),
-        ("drive", {"a": 1}),
-        ("game", 3),
-        ("shout", "Tag-v0"),
-    ],
-)
-def test_values_that_the_page_does_not_know_start_nothing(
-    action: str, value: object, tmp_path: Path
-) -> None:
-    def launch(*_: object) -> object:
-        raise AssertionError("something was started")
-
-    page = StartPage(tmp_path, launch=launch)
-    page._press(action, value)
-    status = page.board.status[1]
-    assert status["message"] and not status["jobs"]
-    page.close()
-
-
 def test_runs_that_need_trust_are_named_with_the_command(browser: object, tmp_path: Path) -> None:
     for name in ("from a friend", "another"):
         (tmp_path / "runs" / name).mkdir(parents=True)
@@ -239,67 +186,3 @@ def test_jobs_end_with_the_page(start: StartPage) -> None:
     assert job.process.poll() is not None, "one robot is on the stage at a time"
     start.close()
     assert None not in [one.process.poll() for one in start._jobs]
-
-
-def test_each_environment_has_a_picture(tmp_path: Path) -> None:
-    page = StartPage(tmp_path)
-    for card in page.board.status[1]["cards"]:
-        kind, data = page.file(f"{card['env']}.jpg")
-        assert kind == "image/jpeg" and 3_000 < len(data) < 60_000
-    plans = set(page.board.status[1]["plans"])
-    assert plans == {"two-wheeler", "ev3-driver", "walker", "robo-arm"}
-    # The repository has the booklets of all of them, which open without being drawn.
-    assert set(page.board.status[1]["booklets"]) == plans
-    kind, data = page.file("booklets/walker.pdf")
-    assert kind == "application/pdf" and data.startswith(b"%PDF-")
-    assert page.file("booklets/../walker.pdf") is None and page.file("walker.pdf") is None
-    assert page.file("../start.py") is None and page.file("") == page.file("start.html")
-    page.close()
-
-
-def test_pupil_has_name_report_and_class_table(tmp_path: Path) -> None:
-    """What is typed is one word of the command, whatever it is."""
-    started = list[Sequence[str]]()
-
-    def launch(words: Sequence[str], folder: Path) -> object:
-        started.append(words)
-        return subprocess.Popen([sys.executable, "-c", ""], stdout=subprocess.PIPE, text=True)
-
-    page = StartPage(tmp_path, launch=launch)
-    visitors = Visitors()
-    for number, name in enumerate(("Anna", "--episodes 9", "x" * 41, "a\nb", "")):
-        page._press("train", "RunAway-v0", visitors.arrive(f"browser {number}", name))
-    names = [words[-1] for words in started if words[-1].startswith("--name")]
-    assert names == ["--name=Anna", "--name=--episodes 9", "--name=" + "x" * 24, "--name=a b"]
-    run = tmp_path / "runs" / "one"
-    run.mkdir(parents=True)
-    folder = RunFolder(run)
-    folder.write_config(TrainConfig(env="RunAway-v0", name="Anna"))
-    folder.write_episodes([Episode(1, Phase.TRAIN, 10, 10, 13.3, None)])
-    (run / "report.html").write_text("a report")
-    scores = {
-        "return_mean": 20.0,
-        "return_std": 0.0,
-        "episodes": 5,
-        "trained_episodes": 1,
-        "as_trained": True,
-    }
-    folder.evaluation_path.write_text(json.dumps(scores))
-    page._press("class", "runs")
-    assert started[-1] == ["compare", "--class", "runs"]
-    (shown,) = page.board.status[1]["runs"]
-    assert (shown["pupil"], shown["return"], shown["score"], shown["has_report"]) == (
-        "Anna",
-        20.0,
-        "evaluation",
-        True,
-    )
-    assert page.file("runs/one/report.html") == ("text/html; charset=utf-8", b"a report")
-    for name in (
-        "runs/one/config.json",
-        "runs/../report.html",
-        "runs/one/../one/report.html",
-        "runs/two/report.html",
-    ):
-        assert page.file(name) is None
-    page.close()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import math
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -349,3 +350,22 @@ def test_a_distilled_network_acts_like_its_policy(
     student = hub_network.distil(env, policy, HubNetwork(get_task("Walker-v0").entries, 4), seed=0)
     frames = env.rollout(50, student)
     assert (frames["action"] - policy.act(frames["observation"])).abs().mean() < 0.15
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "scaled"),
+    [
+        (0.0, 10.0, (0.2, -1.0)),
+        (-20.0, 20.0, (0.05, 0.0)),
+        (-math.inf, 5.0, (1.0, 0.0)),
+        (0.0, math.inf, (1.0, 0.0)),
+        (-math.inf, math.inf, (1.0, 0.0)),
+    ],
+)
+def test_only_what_has_two_bounds_is_scaled(
+    low: float, high: float, scaled: tuple[float, float]
+) -> None:
+    factor, offset = hub_network._scale(Entry("x", low, high))
+    assert (factor, offset) == pytest.approx(scaled)
+    if scaled[0] != 1.0:
+        assert (low * factor + offset, high * factor + offset) == pytest.approx((-1.0, 1.0))

@@ -16,6 +16,7 @@ from bricksrl.agents import AGENTS, preset
 from bricksrl.agents.sac import SACSettings
 from bricksrl.errors import DescriptionError, RunError
 from bricksrl.training import TrainConfig
+from bricktwin.twin.physics import Physics, write_physics
 
 
 @given(
@@ -182,3 +183,27 @@ def test_what_excludes_what(alone: dict[str, Any], together: dict[str, Any]) -> 
     TrainConfig(env="RunAway-v0", **alone)
     with pytest.raises(RunError, match="; (omit|give|train)"):
         TrainConfig(env="RunAway-v0", **together)
+
+
+def test_physics_of_a_file_are_kept_as_numbers(tmp_path: Path) -> None:
+    """A later version of the file trains in the same world."""
+    file = tmp_path / "twin.json"
+    write_physics(file, Physics(battery_v=6.5))
+    config = TrainConfig("RunAway-v0", physics=file)
+    file.unlink()
+    assert isinstance(config.physics, Physics) and config.physics.battery_v == 6.5
+    assert TrainConfig.from_dict(config.to_dict()) == config
+
+
+def test_robots_have_an_address_each() -> None:
+    assert TrainConfig("RunAway-v0").hubs == ("virtual",)
+    assert TrainConfig("RunAway-v0", robots=3).hubs == ("virtual",) * 3
+    named = TrainConfig("RunAway-v0", hub="ble:A, ble:B")
+    assert named.hubs == ("ble:A", "ble:B") and named.robot.hub == "ble:A"
+
+
+def test_agent_without_the_setting_cannot_normalize() -> None:
+    with pytest.raises(DescriptionError, match="^random cannot normalize; give its settings a"):
+        TrainConfig("RunAway-v0", "random", normalize=True)
+    assert TrainConfig("RunAway-v0", normalize=True).settings.normalize
+    assert not TrainConfig("RunAway-v0").settings.normalize

@@ -1,25 +1,17 @@
-"""Asynchronous learning."""
+"""What a learner is sent and sends, without a process of its own."""
 
 from __future__ import annotations
 
-import contextlib
 import io
 import itertools
-import os
-import subprocess
-import threading
-import time
-from collections.abc import Iterator
-from dataclasses import asdict, replace
-from pathlib import Path
+from dataclasses import replace
 from queue import SimpleQueue
 from typing import Any
 
 import pytest
 import torch
-from forked import ForkServer, Scratch
-from tensordict import TensorDict
-from test_training_loop import Recorder, ctrl_c, rows
+from tensordict import TensorDict, TensorDictBase
+from torchrl.envs import EnvBase, RewardScaling, TransformedEnv
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 from toys import Cart
 
@@ -28,110 +20,199 @@ from bricksrl.agents import make_learner
 from bricksrl.agents.learner import Learner
 from bricksrl.agents.ppo import PPOSettings
 from bricksrl.agents.sac import SACSettings
-from bricksrl.envs.env import HubEnv
 from bricksrl.errors import LearnerError
-from bricksrl.training import TrainConfig, resume, train
-from bricksrl.training.checkpoint import load_checkpoint
-from bricksrl.training.learner_side import AsyncLearner, Inbox, LearningPace, serve
+from bricksrl.training import TrainConfig
+from bricksrl.training import learner_side as sides
+from bricksrl.training.learner_side import (
+    AsyncLearner,
+    InLoopLearner,
+    LearningPace,
+    serve,
+)
 
-pytestmark = [pytest.mark.realtime, pytest.mark.usefixtures("forked_children")]
-
-SMALL = SACSettings(hidden=(16, 16), batch_size=16, prefill_episodes=2, updates_per_step=2)
-SEEN = torch.tensor([300.0, 0.5])
-
-
-@pytest.fixture
-def config(tmp_path: Path) -> TrainConfig:
-    return TrainConfig(
-        "Cart", episodes=6, seed=4, settings=SMALL, run_dir=tmp_path / "run", asynchronous=True
-    )
+SMALL = SACSettings(hidden=(8,), batch_size=4, prefill_episodes=0, updates_per_step=1)
+OF_FOUR = PPOSettings(hidden=(8,), steps=4, batch_size=4, passes=1)
+NEW = {"asked": 0, "done": 0}
 
 
-@pytest.fixture
-def started(monkeypatch: pytest.MonkeyPatch) -> list[subprocess.Popen[bytes]]:
-    """Learner processes that were started."""
-    processes = []
-    popen = child_process.subprocess.Popen
+class Messages(SimpleQueue):  # type: ignore[type-arg]
+    """Messages of the robot's side, all there already: waiting for more fails."""
 
-    def note(*args, **kwargs):
-        processes.append(popen(*args, **kwargs))
-        return processes[-1]
-
-    monkeypatch.setattr(child_process.subprocess, "Popen", note)
-    return processes
+    def get(self, *_: Any, **__: Any) -> Any:
+        return super().get_nowait()
 
 
-@contextlib.contextmanager
-# it is frozen
-def learner(
+def steps(env: EnvBase, learner: Learner, count: int) -> TensorDictBase:
+    """Steps of a policy that explores, ``[count]``."""
+    with set_exploration_type(ExplorationType.RANDOM), torch.no_grad():
+        return env.rollout(count, learner.policy, break_when_any_done=False)
+
+
+def state_of(learner: Learner, pace: dict[str, int] = NEW) -> dict[str, Any]:
+    return {"agent": learner.state_dict(), "pace": pace, "collected": [], "transforms": {}}
+
+
+def served(
+    agent: str,
+    settings: Any,
+    count: int,
     *,
-    patient: bool = False,
-    pace: LearningPace = LearningPace(),  # noqa: B008
-) -> Iterator[AsyncLearner]:
-    torch.manual_seed(0)
-    acting, config = (
-        make_learner("sac", Cart(), SMALL),
-        TrainConfig("Cart", settings=SMALL, realtime=not patient),
-    )
-    state = {"agent": acting.state_dict(), "pace": asdict(pace), "collected": [], "transforms": {}}
-    with AsyncLearner(config, Cart(), acting, state) as found:
-        yield found
+    asked_first: int = 0,
+) -> list[tuple[int, dict[str, torch.Tensor], object]]:
+    """What a learner tells of its updates, one after each step; all messages are there at once."""
+    env = Cart()
+    learner = make_learner(agent, env, settings)
+    inbox = Messages()
+    for frame in steps(env, learner, count).split(1):
+        inbox.put(("remember", (0, dict(frame.flatten_keys(".").items()))))
+        inbox.put(("learn", 1))
+    learned: list[tuple[int, dict[str, torch.Tensor], object]] = []
 
+    def send(kind: str, content: Any) -> None:
+        if kind == "learned":
+            learned.append(content)
+        if len(learned) == count + asked_first:
+            inbox.put(child_process.END)
 
-def best_action(side: AsyncLearner) -> torch.Tensor:
-    return side.actor.exploit(TensorDict({"observation": SEEN}))["action"]
-
-
-def remember(side: AsyncLearner, count: int) -> None:
-    flag = torch.zeros(1, dtype=torch.bool)
-    after = {
-        "observation": SEEN,
-        "reward": torch.ones(1),
-        "terminated": flag,
-        "truncated": flag,
-        "done": flag,
+    begin = {
+        "config": TrainConfig("Cart", agent, settings=settings).to_dict(),
+        "specs": {
+            name: getattr(env, name).clone()
+            for name in ("observation_spec", "action_spec", "reward_spec", "done_spec")
+        },
+        "layout": None,
+        "has_task": False,
+        "state": state_of(learner, {"asked": asked_first, "done": 0}),
     }
-    frame = TensorDict(
-        {"observation": SEEN, "action": torch.tensor([0.5]), "next": TensorDict(after)}
-    )
-    for _ in range(count):
-        side.remember(frame[None])
+    serve(begin, inbox, send)
+    return learned
 
 
-def test_learner_never_leads_robot(tmp_path: Path) -> None:
-    with learner() as side:
+def test_slow_on_policy_learner_uses_each_batch() -> None:
+    """All frames are there before it begins; none may be overwritten before it was learned from."""
+    learned = served("ppo", OF_FOUR, 8)
+    assert [bool(metrics) for _, metrics, _ in learned] == [False, False, False, True] * 2
+
+
+def test_updates_that_are_due_wait_for_no_message() -> None:
+    """Those of a checkpoint too; and each message comes before the next update."""
+    learned = served("sac", SMALL, 6, asked_first=2)
+    assert [done for done, _, _ in learned] == list(range(1, 9))
+    assert all(metrics for _, metrics, _ in learned), "all six steps are there from the first one"
+
+
+def test_batches_of_the_learners_size_are_not_collected() -> None:
+    """Single steps are, until they are as many."""
+    env = Cart()
+    learner = make_learner("ppo", env, OF_FOUR)
+    remembered: list[int] = []
+    learner.remember = lambda frames, _robot=0: remembered.append(frames.shape[-1])
+    side = InLoopLearner(learner, state_of(learner))
+    frames = steps(env, learner, 8)[None]
+    side.remember(frames[:, :4])
+    side.remember(frames[:, :5])
+    assert remembered == [4, 5]
+    for step in range(3):
+        side.remember(frames[:, step : step + 1])
+        assert side.learn(1) == {}
+    assert remembered == [4, 5]
+    side.remember(frames[:, 3:4])
+    assert remembered == [4, 5, 4]
+    assert side.pace == LearningPace(3, 3)
+
+
+def test_weights_are_told_once() -> None:
+    env = Cart()
+    learner = make_learner("sac", env, SMALL)
+    side = InLoopLearner(learner, state_of(learner))
+    assert side.new_weights() is not None, "the first ones are new"
+    assert side.new_weights() is None
+    side.remember(steps(env, learner, 5)[None])
+    side.learn(1)
+    assert side.new_weights() is not None
+    assert side.new_weights() is None
+
+
+def test_pace_counts_only_steps_that_were_asked_for() -> None:
+    learner = make_learner("sac", Cart(), replace(SMALL, updates_per_step=4))
+    assert LearningPace(10, 5).updates_per_step(learner) == 2.0
+    assert LearningPace().updates_per_step(learner) is None
+    assert LearningPace(10, 5).updates_per_step(make_learner("random", Cart())) is None
+    # Nothing is pending in the loop, whatever a checkpoint of another process says.
+    side = InLoopLearner(learner, state_of(learner, {"asked": 30, "done": 10}))
+    assert side.pace == LearningPace(30, 30)
+
+
+class Told:
+    """The learner's process, as far as the robot's side knows it."""
+
+    def __init__(self, _module: str, deliver: Any) -> None:
+        self.deliver = deliver
+        self.sent: list[tuple[str, Any]] = []
+
+    def send(self, kind: str, content: Any) -> None:
+        self.sent.append((kind, content))
+
+    def end(self, _timeout_s: float) -> None:
+        """It has nothing pending."""
+
+
+@pytest.fixture
+def told(monkeypatch: pytest.MonkeyPatch) -> list[Told]:
+    """Processes that were started."""
+    started: list[Told] = []
+
+    def start(module: str, deliver: Any) -> Told:
+        started.append(Told(module, deliver))
+        return started[-1]
+
+    monkeypatch.setattr(sides, "ChildProcess", start)
+    return started
+
+
+def test_transforms_that_the_process_cannot_know_are_refused_before_it_starts(
+    told: list[Told],
+) -> None:
+    """With a dataset, which has to pass through them; the config's own it makes itself."""
+    env = TransformedEnv(Cart(), RewardScaling(0.0, 0.1))
+    learner = make_learner("sac", Cart(), SMALL)
+    config = TrainConfig("Cart", settings=SMALL)
+    of_data = replace(config, demonstrations="somewhere")
+    with pytest.raises(LearnerError, match="does not know this environment's transforms"):
+        AsyncLearner(of_data, env, learner, state_of(learner))
+    assert not told
+    normalized = replace(of_data, transform="mine.py")
+    allowed = [(config, env), (of_data, Cart()), (normalized, env)]
+    for one, given in allowed:
+        with AsyncLearner(one, given, learner, state_of(learner)):
+            (kind, begin), *_ = told[-1].sent
+        assert kind == "begin"
+        assert TrainConfig.from_dict(begin["config"]) == one
+        assert told[-1].sent[-1][0] == "end"
+
+
+def test_what_the_process_says_is_known_at_once(told: list[Told]) -> None:
+    learner = make_learner("sac", Cart(), SMALL)
+    config = TrainConfig("Cart", settings=SMALL, realtime=True)
+    with AsyncLearner(config, Cart(), learner, state_of(learner)) as side:
+        (process,) = told
+        assert side.new_weights() is None
+        process.deliver(("ready", {"weight": torch.zeros(1)}))
         side.wait_until_ready()
-        before = best_action(side)
-        remember(side, 30)
-        started_s = time.perf_counter()
-        for _ in range(200):
+        assert side.new_weights() == {"weight": torch.zeros(1)}
+        assert side.learn(3) == {}
+        assert side.pace == LearningPace(3, 0)
+        process.deliver(("learned", (1, {"loss": torch.tensor(1.0)}, {})))
+        process.deliver(("learned", (2, {"loss": torch.tensor(3.0)}, {})))
+        assert side.pace == LearningPace(3, 2)
+        assert side.learn(0) == {"loss": torch.tensor(2.0)}, "the mean of both updates"
+        assert side.learn(0) == {}, "which is told once"
+        process.deliver(("failed", "failed (it is broken)"))
+        with pytest.raises(
+            LearnerError,
+            match=r"^the learner's process failed \(it is broken\); resume the run from its last",
+        ):
             side.learn(1)
-            assert side.pace.done <= side.pace.asked
-        asked_s = time.perf_counter() - started_s
-        assert side.pace == LearningPace(200, side.pace.done)
-        side.finish(lambda: True)
-        assert side.pace == LearningPace(200, 200)
-        assert asked_s < 0.5 * (time.perf_counter() - started_s), "asking waits for no gradient"
-        losses = side.learn(1)
-        assert losses["loss_qvalue"] > 0
-        side.finish(lambda: True)
-        side.save(tmp_path / "checkpoint", {"more": 1})
-        side.finish(lambda: True)
-        after = best_action(side)
-        assert not torch.equal(before, after), "weights have come back"
-        state = load_checkpoint(tmp_path / "checkpoint")
-        assert (state["more"], state["pace"]) == (1, {"asked": 201, "done": 201})
-        saved = make_learner("sac", Cart(), SMALL)
-        saved.load_state_dict(state["agent"])
-        assert torch.equal(saved.exploit(TensorDict({"observation": SEEN}))["action"], after)
-        assert len(state["agent"]["memory"]["rows"]["action"]) == 30
-
-
-def test_pending_updates_are_made_after_resume() -> None:
-    with learner(patient=True, pace=LearningPace(30, 10)) as side:
-        remember(side, 30)
-        side.learn(1)
-        assert side.pace.done >= 31 - 4
 
 
 def test_networks_on_a_gpu_are_sent_over_the_cpu(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -143,127 +224,6 @@ def test_networks_on_a_gpu_are_sent_over_the_cpu(monkeypatch: pytest.MonkeyPatch
         data = io.BytesIO()
         child_process._Pickler(data).dump(learner.state_dict())
     assert data.tell() > 10_000
-
-
-def test_slow_on_policy_learner_uses_each_batch() -> None:
-    """All frames are there before it begins; none may be overwritten before it was learned from."""
-    env, settings = Cart(), PPOSettings(hidden=(8,), steps=4, batch_size=4, passes=1)
-    acting, config = (
-        make_learner("ppo", env, settings),
-        TrainConfig("Cart", "ppo", settings=settings),
-    )
-    with set_exploration_type(ExplorationType.RANDOM), torch.no_grad():
-        frames = env.rollout(8, acting.policy, break_when_any_done=False)
-    inbox: Inbox = SimpleQueue()
-    for frame in frames.split(1):
-        inbox.put(("remember", (0, dict(frame.flatten_keys(".").items()))))
-        inbox.put(("learn", 1))
-    learned: list[tuple[int, dict[str, torch.Tensor], object]] = []
-
-    def send(kind: str, content: Any) -> None:
-        if kind == "learned":
-            learned.append(content)
-        if len(learned) == 8:
-            inbox.put(child_process.END)
-
-    state = {
-        "agent": acting.state_dict(),
-        "pace": {"asked": 0, "done": 0},
-        "collected": [],
-        "transforms": {},
-    }
-    specs = {
-        name: getattr(env, name).clone()
-        for name in ("observation_spec", "action_spec", "reward_spec", "done_spec")
-    }
-    serve(
-        {
-            "config": config.to_dict(),
-            "specs": specs,
-            "layout": None,
-            "has_task": False,
-            "state": state,
-        },
-        inbox,
-        send,
-    )
-    assert [bool(metrics) for _, metrics, _ in learned] == [False, False, False, True] * 2
-
-
-def test_asynchronous_run_saves_learner(config: TrainConfig) -> None:
-    result = train(config, env=Cart())
-    assert (len(result.episodes), result.interrupted) == (6, False)
-    asked = sum(episode.length for episode in result.episodes[2:])
-    assert result.updates_per_step == pytest.approx(2 * (asked - result.caught_up / 2) / asked)
-    assert [row["updates_per_step"] for row in rows(result.run_dir)][:2] == ["", ""]
-    assert 0 < float(rows(result.run_dir)[-1]["updates_per_step"]) <= result.updates_per_step + 1e-3
-    assert result.episodes[-1].measures["loss_qvalue"] > 0
-    state = load_checkpoint(result.run_dir / "checkpoint.bin")
-    assert len(state["agent"]["memory"]["rows"]["action"]) == result.episodes[-1].steps
-    assert state["pace"] == {"asked": asked, "done": asked}
-    more = resume(result.run_dir, episodes=8, env=Cart())
-    assert [episode.episode for episode in more.episodes] == list(range(1, 9))
-    state = load_checkpoint(result.run_dir / "checkpoint.bin")
-    assert len(state["agent"]["memory"]["rows"]["action"]) == more.episodes[-1].steps
-    assert state["pace"]["done"] == asked + sum(episode.length for episode in more.episodes[6:])
-
-
-def test_killed_learner_ends_run_with_one_error(
-    config: TrainConfig, started, tmp_path: Path
-) -> None:
-    observer = Recorder((4, 1), lambda: [process.kill() for process in started])
-    with pytest.raises(LearnerError, match=r"died \((signal 9|exit code 1)\); resume") as caught:
-        train(replace(config, episodes=10_000), observer, env=Cart())
-    assert "\n" not in str(caught.value)
-    assert observer.episodes[-1][0].episode < 100
-    saved = len(load_checkpoint(tmp_path / "run" / "checkpoint.bin")["episodes"])
-    result = resume(tmp_path / "run", Recorder((saved + 2, 1), ctrl_c), env=Cart())
-    assert (len(result.episodes), result.interrupted) == (len(rows(tmp_path / "run")), True)
-    assert started[1].wait(10) == 0, "an interrupted run leaves no process behind"
-
-
-def test_motors_stop_when_learner_dies(started, tmp_path: Path, monkeypatch) -> None:
-    config = TrainConfig("RunAway-v0", settings=SMALL, run_dir=tmp_path / "run", asynchronous=True)
-    env = make("RunAway-v0", seed=0)
-    assert isinstance(env, HubEnv)
-    monkeypatch.setattr("bricksrl.training.run.make", lambda *_, **__: env)
-    twins = []
-
-    def kill() -> None:
-        twins.append(env.twin)
-        started[0].kill()
-
-    with pytest.raises(LearnerError, match="died"):
-        train(config, Recorder((1, 3), kill))
-    body, machine = twins[0].body, twins[0].machine
-    machine.advance(1000)  # coasting comes to rest
-    angles_mdeg = [body.angle_mdeg(port) for port in ("A", "E")]
-    machine.advance(1000)
-    assert [body.angle_mdeg(port) for port in ("A", "E")] == pytest.approx(angles_mdeg, abs=50)
-
-
-def test_learner_error_is_one_line(config: TrainConfig, tmp_path: Path) -> None:
-    env = make("RunAway-v0", seed=0)
-    with pytest.raises(
-        LearnerError, match=r"failed \(UnknownNameError: there is no environment 'Nowhere-v7'"
-    ) as caught:
-        train(replace(config, env="Nowhere-v7"), env=env)
-    env.close()
-    assert "\n" not in str(caught.value)
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_ctrl_c_during_learner_start_leaves_no_files(
-    config: TrainConfig, started, tmp_path: Path
-) -> None:
-    class Interrupting(Recorder):
-        def on_learner(self, learner: Learner) -> None:
-            threading.Timer(0.03, ctrl_c).start()
-
-    with pytest.raises(KeyboardInterrupt):
-        train(config, Interrupting(), env=Cart())
-    assert started[0].returncode is not None
-    assert list(tmp_path.iterdir()) == []
 
 
 def test_real_time_runs_are_asynchronous_by_default() -> None:
@@ -278,15 +238,25 @@ def test_real_time_runs_are_asynchronous_by_default() -> None:
         assert TrainConfig.from_dict(told.to_dict()) == told
 
 
-def test_error_of_a_callback_is_the_last_line(
-    processes: ForkServer | Scratch, tmp_path: Path
-) -> None:
-    script = (
-        "from bricksrl.training import Callback, TrainConfig, train\n"
-        "class Faulty(Callback):\n"
-        "    def on_episode(self, episode, progress):\n"
-        "        raise ValueError('mine')\n"
-        "train(TrainConfig('RunAway-v0', episodes=2, asynchronous=True), Faulty())\n"
+def test_copy_of_the_policy_stays_when_the_policy_learns_on() -> None:
+    learner = make_learner("sac", Cart(), SMALL)
+    state = learner.policy_state()
+    before = {name: tensor.clone() for name, tensor in state.items()}
+    with torch.no_grad():
+        for parameter in learner.policy.parameters():
+            parameter.add_(1.0)
+    assert all(torch.equal(state[name], tensor) for name, tensor in before.items())
+    assert not any(
+        torch.equal(state[name], tensor.detach())
+        for name, tensor in learner.policy.named_parameters()
     )
-    done = processes.run((), tmp_path, os.environ, 100.0, script)
-    assert (done.returncode, done.stderr.splitlines()[-1]) == (1, "ValueError: mine")
+
+
+def test_weights_of_another_process_are_taken_between_two_actions() -> None:
+    learner, other = (make_learner("sac", Cart(), SMALL) for _ in range(2))
+    seen = TensorDict({"observation": torch.tensor([300.0, 0.5])})
+    best = other.exploit(seen.clone())["action"]
+    assert not torch.equal(learner.exploit(seen.clone())["action"], best)
+    learner.weights.append(other.policy_state())
+    assert torch.equal(learner.exploit(seen.clone())["action"], best)
+    assert not learner.weights

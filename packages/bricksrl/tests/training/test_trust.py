@@ -24,6 +24,7 @@ from bricksrl.errors import BricksError, RunError, UnknownNameError
 from bricksrl.page.start import StartPage
 from bricksrl.policies.sharing import export_policy
 from bricksrl.training import RunFolder, TrainConfig, train
+from bricksrl.training import trust as trusting
 from bricksrl.training.config import code_in
 from bricksrl.training.learners import make_learner_for, stand_in
 from bricksrl.training.trust import trust
@@ -280,10 +281,40 @@ def test_settings_of_a_stranger_need_trust(
 def test_options_in_a_dataset_are_of_its_task(stranger: Path) -> None:
     from bricksrl.data import load
     from bricksrl.data.formats import _minari_environment
+    from bricksrl.data.schema import digest_of
 
     path = stranger / "run" / "data" / "meta" / "bricksrl.json"
-    text = path.read_text()
-    options = {"transform": f"{CANARY}:NAME", "env_id": f"{CANARY}:NAME", "ends_at_wall": False}
-    path.write_text(json.dumps({**json.loads(text), "options": options}))
+    values = json.loads(path.read_text())
+    values["options"] = {
+        "transform": f"{CANARY}:NAME",
+        "env_id": f"{CANARY}:NAME",
+        "ends_at_wall": False,
+    }
+    # A stranger's file has a right digest too.
+    del values["sha256"]
+    path.write_text(json.dumps({**values, "sha256": digest_of(values)}))
     found = _minari_environment(load(stranger / "run"))["env"]
     assert found.kwargs == {"env_id": "RunAway-v0", "ends_at_wall": False}
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="rights of POSIX")
+def test_folder_that_others_can_write_to_says_nothing_of_trust(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(trusting.tempfile, "gettempdir", lambda: str(tmp_path))
+    *_, private = trusting._folders()
+    assert private.parent == tmp_path and private.stat().st_mode & 0o777 == 0o700
+    for mode in (0o770, 0o707, 0o720):
+        private.chmod(mode)
+        assert private not in trusting._folders()
+    private.chmod(0o700)
+    assert private in trusting._folders()
+    with monkeypatch.context() as patched:
+        owner = private.stat().st_uid
+        mine = private.with_name(f"bricksrl-trusted-{owner + 1}")
+        mine.mkdir(mode=0o700)
+        patched.setattr(trusting.os, "getuid", lambda: owner + 1)
+        assert mine not in trusting._folders(), "somebody else has made it"
+    private.rmdir()
+    private.symlink_to(tmp_path / "elsewhere")
+    assert private not in trusting._folders()

@@ -9,9 +9,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from in_process import assert_explained
 
 import bricktwin as package
 from brickhub.pytest_plugin import PybricksHub
+from bricktwin.cli.command_table import LINE
 from bricktwin.robots import TWO_WHEELER
 from bricktwin.twin.make_body import make_body
 
@@ -28,6 +30,14 @@ def test_version_and_help(bricktwin) -> None:
     for command in COMMANDS:
         told = bricktwin(*command.split(), "--help")
         assert told.code == 0 and f"\n  bricktwin {command} " in told.out, command
+
+
+def test_help_explains_each_option(bricktwin) -> None:
+    commands = [[name] for name in LINE.commands]
+    commands += [[group, name] for group, (_, names) in LINE.groups.items() for name in names]
+    assert len(commands) == 12
+    for command in commands:
+        assert_explained(bricktwin(*command, "--help").out)
 
 
 def test_python_runs_the_package_as_the_command() -> None:

@@ -16,6 +16,15 @@ from bricktwin.measure.session import read_log
 from bricktwin.twin.physics import read_physics
 
 
+def test_nobody_is_asked_for_two_minutes_of_work_that_cannot_be_written(
+    fails, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(session, "measure", lambda *_: pytest.fail("it was measured"))
+    (tmp_path / "file").write_text("an earlier one")
+    out = str(tmp_path / "file" / "measured")
+    fails("twin", "measure", "two-wheeler", "--out", out, says=f"cannot write {out}")
+
+
 def test_measure_a_virtual_robot(bricktwin, fails, tmp_path: Path) -> None:
     (tmp_path / "hidden.json").write_text('{"gyro_scale_error_pct": 0.8, "distance_bias_mm": 25}')
     out = tmp_path / "measured"

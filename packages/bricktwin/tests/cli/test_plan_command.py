@@ -9,10 +9,25 @@ from pathlib import Path
 import pytest
 
 from bricktwin.cli import main
+from bricktwin.cli.plan_commands import _PageNotes
 from bricktwin.robots import plans
 
 NAME_A_PLAN = "name an LDraw file (.ldr, .mpd or .io)"
 PLAN = str(Path(plans.__path__[0]) / "two_wheeler.ldr")
+
+
+def test_one_page_a_second_is_told(capsys: pytest.CaptureFixture[str]) -> None:
+    notes = _PageNotes()
+    notes(0, 0)
+    notes(1, 9)
+    notes(2, 9)  # so soon after that it is not said
+    notes.said_s -= 1.0
+    notes(3, 9)
+    assert capsys.readouterr().err.splitlines() == [
+        "finding steps in which it can be built",
+        "page 1 of 9",
+        "page 3 of 9",
+    ]
 
 
 def test_correct_plan_passes(bricktwin):

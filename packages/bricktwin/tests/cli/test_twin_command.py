@@ -65,9 +65,14 @@ def test_robot_from_a_file(bricktwin, fails, tmp_path: Path) -> None:
         "from brickhub.robot import HubKind, Motor, Robot\n"
         "ROBOT = Robot('my-robot', HubKind.CITY, motors=(Motor('wheel', 'A'),))\n"
     )
+    worn = tmp_path / "worn.json"
+    worn.write_text('{"motor_friction_scale": 1.4}')
     assert (
         "20 commands in"
-        in bricktwin("twin", "record", str(robot), "--steps", "20", "--out", str(log)).out
+        in bricktwin(
+            *("twin", "record", str(robot), "--steps", "20", "--out", str(log)),
+            *("--physics", str(worn)),
+        ).out
     )
     assert read_log(log).robot == "my-robot"
     fails(
@@ -77,11 +82,20 @@ def test_robot_from_a_file(bricktwin, fails, tmp_path: Path) -> None:
         says="is of the robot 'my-robot', which is not built in; name its file",
     )
     done = bricktwin(
-        "twin", "fit", str(log), "--robot", f"{robot}:ROBOT", "--parameters", "battery_v"
+        *("twin", "fit", str(log), "--robot", f"{robot}:ROBOT"),
+        *("--parameters", "motor_friction_scale", "backlash_deg"),
     )
-    assert done.code == 0 and "wheel_angle" in done.out
+    assert (done.code, done.err) == (0, "")
     physics = log.with_suffix(".physics.json")
-    assert str(physics) in done.out and read_physics(physics).battery_v > 6.0
+    found = read_physics(physics).motor_friction_scale
+    assert found == pytest.approx(1.4, abs=0.2)
+    head, error, parameters, friction, backlash, last = done.out.splitlines()
+    assert head == "error of the twin (root mean square)"
+    assert error.split()[0] == "wheel_angle" and error.endswith("-> 0")
+    assert parameters == "parameters"
+    assert friction == f"  {'motor_friction_scale':24}       1 -> {found:.3g}"
+    assert backlash == f"  {'backlash_deg':24}     2.5    not identifiable from this log"
+    assert last == f"physics  {physics}"
 
 
 def test_robot_does_not_move_if_the_log_cannot_be_written(

@@ -176,6 +176,45 @@ def test_worm_has_a_right_handed_thread_with_one_tooth_per_turn():
     assert -bolt / (gear @ [0, 0, 0, 0, 1.0, 0]) == pytest.approx(-1 / 24, rel=1e-3)
 
 
+def _pinion(x: float, y: float, z: float, matrix: str = "1 0 0 0 1 0 0 0 1") -> list[str]:
+    """A rack of 18 teeth along x, whose teeth are above it, and a gear of 8 teeth."""
+    return ["1 4 0 0 0 1 0 0 0 1 0 0 0 1 87761.dat", f"1 7 {x} {y} {z} {matrix} 10928.dat"]
+
+
+@pytest.mark.parametrize("x", [-69.0, 0.0, 69.0])
+def test_gear_rolls_on_a_rack(x):
+    (mesh,) = meshes(plan_of(*_pinion(x, -17.5, 5)).parts)
+    assert mesh.is_good
+    rack, gear = mesh.motion
+    # A gear of radius 10, whose lowest teeth go along with a rack that slides by 1.
+    turn = -0.1
+    rolling = [-17.5 * turn, -x * turn, 0, 0, 0, turn]
+    assert rack @ [1.0, 0, 0, 0, 0, 0] + gear @ rolling == pytest.approx(0.0)
+    # A carrier that moves both as one body does not strain the teeth.
+    assert mesh.motion.sum(axis=0) == pytest.approx(np.zeros(6))
+
+
+@pytest.mark.parametrize(
+    ("place", "matrix"),
+    [
+        ((-72, -17.5, 0), "1 0 0 0 1 0 0 0 1"),  # past its end
+        ((72, -17.5, 0), "1 0 0 0 1 0 0 0 1"),
+        ((0, -17.5, 7), "1 0 0 0 1 0 0 0 1"),  # beside it
+        ((0, 17.5, 0), "1 0 0 0 1 0 0 0 1"),  # below it, where it has no teeth
+        ((0, -17.5, 0), "0 0 1 0 1 0 -1 0 0"),  # turned so that it would roll across it
+        ((0, -17.5, 0), "1 0 0 0 0 1 0 -1 0"),  # lying on it
+    ],
+)
+def test_gear_beside_a_rack_does_not_mesh(place, matrix):
+    assert meshes(plan_of(*_pinion(*place, matrix)).parts) == []
+
+
+def test_gear_that_is_too_high_above_a_rack_meshes_badly():
+    (mesh,) = meshes(plan_of(*_pinion(0, -20.5, 0)).parts)
+    assert not mesh.is_good
+    assert mesh.fault == "are 1.2 mm too far apart; move one"
+
+
 def test_motor_turns_parts_on_shaft():
     motor = ["0 !BRICKSRL PORT A left", "1 15 0 0 0 1 0 0 0 1 0 0 0 1 54696p02.dat"]
     axle = "1 0 0 -60 0 0 -1 0 1 0 0 0 0 1 4519.dat"

@@ -7,10 +7,12 @@ import re
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from plan_lines import BEAM, PLANS, pin, plan_of, solid_volume
 
 from brickhub.errors import PlanError
 from bricktwin.plans import catalogue
+from bricktwin.plans.booklet import sheets
 from bricktwin.plans.booklet.committed import committed_booklet
 from bricktwin.plans.booklet.instructions import (
     MAX_KINDS,
@@ -19,9 +21,10 @@ from bricktwin.plans.booklet.instructions import (
     instructions,
     kind_of,
 )
-from bricktwin.plans.booklet.pages import Pages
+from bricktwin.plans.booklet.pages import Item, Page, Pages
 from bricktwin.plans.booklet.picture import VIEWS, Shown, Studio, View, sprite_of
 from bricktwin.plans.booklet.sheets import write_booklet
+from bricktwin.plans.booklet.sprite import _lines
 from bricktwin.plans.building import Occupancy
 from bricktwin.plans.drawing.looks import look_of
 from bricktwin.plans.drawing.meshes import surface_of
@@ -38,6 +41,7 @@ WHEEL = (
 def coarse(monkeypatch):
     """Pages of few pixels; `test_two_wheeler_booklet` has all of them."""
     monkeypatch.setattr("bricktwin.plans.booklet.pages.DPI", 60)
+    monkeypatch.setattr("bricktwin.plans.booklet.sheets._HTML_DPI", 20)
 
 
 def picture_of(plan, view=VIEWS[0], zoom=1.0):
@@ -95,6 +99,20 @@ def test_box_covers_its_projection():
     plan = plan_of("1 4 0 0 0 1 0 0 0 1 0 0 0 1 3001.dat")  # 80 x 24, with studs of 4
     picture = picture_of(plan, View(0, 0), 4.0)
     assert (picture.owner == 0).sum() == pytest.approx((80 * 24 + 4 * 12 * 4) * 16, rel=0.03)
+
+
+def test_a_line_is_where_the_surface_folds_or_jumps():
+    """Two faces at a right angle, side by side, and nothing to the right of them."""
+    depth = np.array([[0.0, 0.0, 0.0, 0.0, np.inf], [9.0, 9.0, 9.0, 9.0, np.inf]])
+    faces = np.array([[0, 0, 1, 1, -1]] * 2)
+    normals = np.zeros((2, 5, 3))
+    normals[:, :2, 2] = normals[:, 2:4, 0] = 1.0
+    assert _lines(depth, faces, normals).astype(int).tolist() == [
+        [1, 1, 1, 1, 0],  # it jumps to what is below
+        [0, 1, 0, 0, 0],
+    ]
+    normals[:] = (0.0, 0.0, 1.0)  # faces that lie in one plane have no line between them
+    assert not _lines(depth, faces, normals)[1].any()
 
 
 def test_one_sees_through_a_hole_and_not_through_its_pin():
@@ -210,6 +228,54 @@ def test_sub_assemblies_of_two_colours_have_pages_of_their_own(coarse):
     )
     assert [page.head for page in pages[2:]] == ["1", "2", "3", "4", "5", "6"]
     assert [(item.count, item.text) for item in pages[-1].items] == [(1, "wheel"), (1, "wheel")]
+
+
+def test_the_last_page_says_which_cable_goes_where(coarse):
+    motor = "1 15 0 0 200 1 0 0 0 1 0 0 0 1 54696p02.dat"
+    hub = "1 15 0 0 0 1 0 0 0 1 0 0 0 1 67718.dat"
+    plan = plan_of(hub, "0 !BRICKSRL PORT C left", motor, "0 !BRICKSRL PORT Q", motor)
+    page = Pages(plan)._cabling()
+    (cable,) = page.cables  # a port that the hub lacks has none
+    length_mm = np.linalg.norm(cable.ends[0] - cable.ends[1]) * 0.4
+    assert page.lines == (
+        f"Port C: Medium angular motor 'left', {length_mm:.0f} mm away; its cable has 250 mm",
+    )
+    assert (page.head, page.note[:24]) == ("Cables", "Plug in the cables last,")
+    high, wide = page.picture.owner.shape
+    for x, y in map(page.picture.pixel_of, cable.ends):
+        assert 0 < x < wide
+        assert 0 < y < high
+    texts = [text.get_text() for text in sheets._figure(page, 4).texts]
+    assert texts.count("C") == 2  # at both ends
+    assert {"Cables", "4", *page.lines} <= set(texts)
+
+
+def test_pages_for_a_browser_say_in_words_what_they_show(coarse):
+    item = Item(picture_of(plan_of(BEAM)), 2, "Beam & pin")
+    pages = [
+        Page("1", "First <this>.", items=(item,)),
+        Page("Cables", "", lines=("Port A: 'left'",)),
+    ]
+    text = sheets._html(plan_of("0 <Cart>", BEAM), pages).decode()
+    assert "<title>&lt;Cart&gt;</title>" in text
+    assert re.findall(r'<section><img alt="(.*?)" src="data:image/png;base64,iVBOR', text) == [
+        "1. 2 x Beam &amp; pin. First &lt;this&gt;.",
+        "Cables. Port A: &#x27;left&#x27;",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("view", "words"),
+    [
+        (View(40, 30), "from the front, left"),
+        (View(-140, 30), "from behind, right"),
+        (View(140, -30), "from behind, left, below"),
+    ],
+)
+def test_a_turned_view_says_from_where_one_looks(view, words):
+    figure = Figure()
+    sheets._turn_mark(figure, view, (2.0, 2.0))
+    assert [text.get_text() for text in figure.texts] == [words]
 
 
 @pytest.mark.slow

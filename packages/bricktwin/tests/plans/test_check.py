@@ -11,6 +11,7 @@ from plan_lines import BEAM, PLANS, ROBOTS, findings_of, pin, plan_of
 from plan_mutants import mutant
 
 from bricktwin.plans import ldraw_file
+from bricktwin.plans.check import _names
 from bricktwin.plans.plan import make_plan, read_plan
 
 _COUNT = re.compile(r"^0 !BRICKSRL PARTS .*\n", re.MULTILINE)
@@ -63,6 +64,22 @@ def test_two_beams_on_two_pins_pass(findings):
 def test_each_mistake_has_its_line(findings, lines, kind, number, says):
     found = [one for one in findings(*lines) if one.name == kind and one.line == number]
     assert any(says in one.detail for one in found), findings(*lines)
+
+
+def test_what_swings_together_is_named_at_its_first_line(findings):
+    # The two beams that are pinned twice are the main body, and the first one swings on it.
+    second = line("32316", 0, 40, 0)
+    (found,) = findings(*HELD[:3], second, pin(0, 30, 0), pin(0, 30, -40))
+    assert found.line == 1
+    assert found.detail.startswith("Beam 5 (32316), Pin with friction (2780) can swing")
+
+
+def test_many_parts_are_named_by_their_first_kinds():
+    numbers = ("32316", "2780", "2780", "3713", "3001", "3648b", "10928", "32270")
+    parts = plan_of(*(line(number, 0, 0, 0) for number in numbers)).parts
+    kinds = [parts[0].name, f"2 x {parts[1].name}", *(placed.name for placed in parts[3:])]
+    assert _names(list(parts)) == f"{', '.join(kinds[:5])} and 2 more"
+    assert _names(list(parts[:6])) == ", ".join(kinds[:5])
 
 
 def test_free_beam_is_allowed(findings):

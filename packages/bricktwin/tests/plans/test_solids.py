@@ -14,8 +14,9 @@ import pytest
 from plan_lines import findings_of, plan_of
 
 from bricktwin.plans import catalogue, ldraw_library
-from bricktwin.plans.building import Occupancy
-from bricktwin.plans.geometry import Floats, rotation
+from bricktwin.plans.building import Occupancy, _main_part
+from bricktwin.plans.drawing.looks import solids_meet
+from bricktwin.plans.geometry import Floats, Form, Solid, rotation
 from bricktwin.plans.part import Fit, Part, Site
 from bricktwin.plans.plan import Placed
 
@@ -268,3 +269,19 @@ def test_moved_and_printed_numbers(number, part):
 @pytest.mark.parametrize("number", ["3004x", "p01", "3004p", "99999p01", "3004c01", "s3004p01"])
 def test_other_numbers_are_unknown(number):
     assert catalogue.find(number) is None
+
+
+@pytest.mark.parametrize("axis", range(3))
+def test_boxes_meet_where_they_overlap_on_each_axis(axis: int) -> None:
+    """Far away from the origin along two axes, and apart along the third."""
+    middle = [0.0 if along == axis else 100.0 for along in range(3)]
+    beside = [9.0 if along == axis else 100.0 for along in range(3)]
+    one = Solid(Form.BOX, tuple(middle), (5.0, 5.0, 5.0))  # type: ignore[arg-type]
+    for half, meets in ((3.0, False), (4.5, True)):
+        other = Solid(Form.BOX, tuple(beside), (half,) * 3)  # type: ignore[arg-type]
+        assert solids_meet(one, other) is solids_meet(other, one) is meets
+
+
+def test_main_part_is_the_heaviest_one() -> None:
+    plan = plan_of(*(f"1 4 0 0 0 1 0 0 0 1 0 0 0 1 {name}.dat" for name in ("2780", "32316")))
+    assert _main_part(plan, (0, 1)) == _main_part(plan, (1, 0)) == 1

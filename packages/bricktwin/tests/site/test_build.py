@@ -23,6 +23,35 @@ def test_other_files_are_not_replaced(tmp_path: Path) -> None:
     assert (tmp_path / "homework.txt").read_text() == "mine"
 
 
+def test_a_fresh_site_takes_the_place_of_the_old_one(tmp_path: Path) -> None:
+    old, fresh = tmp_path / "old", tmp_path / "fresh"
+    for folder, name in ((old, "before"), (fresh, "after")):
+        (folder / name).mkdir(parents=True)
+        for file in ("both.txt", f"{name}.txt", f"{name}/deep.txt"):
+            (folder / file).write_text(name)
+    for out in (old, tmp_path / "new" / "site"):
+        build._replace(out, fresh)
+        files = sorted(path.relative_to(out).as_posix() for path in out.rglob("*"))
+        assert files == ["after", "after.txt", "after/deep.txt", "both.txt"]
+        assert (out / "both.txt").read_text() == "after"
+
+
+def test_a_build_is_named_by_what_is_in_the_site(tmp_path: Path) -> None:
+    builds = []
+    for content in ("one", "one", "two"):
+        (tmp_path / "page.html").write_text(content)
+        (tmp_path / "img").mkdir(exist_ok=True)
+        (tmp_path / "img" / "dot.svg").write_text("<svg/>")
+        build._finish(tmp_path)
+        listed = json.loads((tmp_path / build.LIST).read_text())
+        assert listed["files"] == {"img/dot.svg": 6, "page.html": 3}
+        assert listed["build"] in (tmp_path / build._SERVICE_WORKER).read_text()
+        builds.append(listed["build"])
+        for made in (build.LIST, build._SERVICE_WORKER):
+            (tmp_path / made).unlink()
+    assert builds[0] == builds[1] != builds[2]
+
+
 def test_npm_is_missing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PATH", str(tmp_path))
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))

@@ -13,7 +13,13 @@ from brickhub.errors import TwinError
 from brickhub.hub.link.profiles import DEFAULT_LINK, PROFILES
 from brickhub.robot import BENCH, HubKind, MotorKind, Robot
 from brickhub.virtual.bench_body import BenchBody
-from bricktwin.robots import TWO_WHEELER
+from bricktwin.robots import SCOUT, TWO_WHEELER
+from bricktwin.twin.engines.conventions import (
+    FLOOR_GROUP,
+    LOOKS_GROUP,
+    OBSTACLE_GROUP,
+    SHAPE_GROUP,
+)
 from bricktwin.twin.make_body import make_body
 from bricktwin.twin.models.motors import motor_constants
 from bricktwin.twin.mujoco_body import MujocoBody
@@ -53,6 +59,22 @@ def drive(
     robot.set_voltage(RIGHT, right_mv)
     robot.advance_to(start_ms + for_ms)
     return start_ms + for_ms
+
+
+def test_names_in_a_model_are_those_of_its_ports() -> None:
+    """A user's program finds joints, motors and eyes by these."""
+    model = MujocoBody(SCOUT, OPEN_FLOOR, QUIET, 0).model
+    for port in "EA":
+        assert model.joint(f"motor_{port}").id >= 0
+        assert model.actuator(f"motor_{port}").id >= 0
+    assert model.site("ultrasonic_C").id != model.site("sensor_B").id
+
+
+def test_what_is_only_drawn_is_no_obstacle_and_no_floor() -> None:
+    groups = (OBSTACLE_GROUP, FLOOR_GROUP, LOOKS_GROUP, SHAPE_GROUP)
+    assert len(set(groups)) == 4
+    # MuJoCo draws the first three groups where nobody chooses.
+    assert SHAPE_GROUP > 2 >= max(groups[:3])
 
 
 def off_the_ground(robot: MujocoBody) -> MujocoBody:

@@ -14,7 +14,8 @@ from brickhub.robot import HubKind, Motor, Robot
 from bricktwin.robots import WALKER
 from bricktwin.twin.make_body import make_body
 from bricktwin.view.body_drawing import drawing_of
-from bricktwin.view.drawing_of_body import poses
+from bricktwin.view.drawing_of_body import View, poses
+from bricktwin.view.mirror import Mirror
 from bricktwin.view.script import FOLDER, one_script
 
 ARRAYS = ("xpos", "xquat", "qpos", "site_xpos")
@@ -96,3 +97,17 @@ def test_one_script_has_all_modules_and_no_import() -> None:
         if file.name != "frames.js":
             (head, *_) = file.read_text(encoding="utf-8").partition("\n")
             assert script.count(head) == 1, file.name
+
+
+def test_mirror_shows_the_robot_and_its_ghost_from_where_it_is_told() -> None:
+    body = make_body(WALKER)
+    own = drawing_of(body)
+    assert Mirror(body).drawing.view == own.view
+    view = View(distance_m=3.0)
+    shown = Mirror(body, view).drawing
+    assert shown.view == view
+    # Each part of the robot has a ghost; what stands in no other place has none.
+    ghosts = [one.name for one in shown.bodies[len(own.bodies) :]]
+    assert 0 < len(ghosts) <= len(own.bodies)
+    assert {name.removeprefix("goal ") for name in ghosts} <= {one.name for one in own.bodies}
+    assert all(name.startswith("goal ") for name in ghosts)

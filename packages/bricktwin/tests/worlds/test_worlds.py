@@ -74,6 +74,19 @@ class Drive:
         return max(min(math.dist(point, place) for place in self.places) for point in path)
 
 
+def test_markers_touch_the_lines_of_the_corner_that_they_are_in() -> None:
+    """Each is where the robot comes from, on the side to which it has to turn."""
+    corners = {(800.0, 0.0): (-1, -1), (800.0, -400.0): (1, 1)}
+    objects = lines.line_junctions().objects
+    markers = [one for one in objects if isinstance(one, Field) and one.color == "green"]
+    half_tape_mm, half_marker_mm = 10.0, 12.5
+    beside_mm = half_tape_mm + half_marker_mm
+    assert [one.at_mm for one in markers] == [
+        (x + beside_mm * to_x, y + beside_mm * to_y) for (x, y), (to_x, to_y) in corners.items()
+    ]
+    assert {one.size_mm for one in markers} == {(2 * half_marker_mm, 2 * half_marker_mm)}
+
+
 EYES_AHEAD_MM = 61.0
 """Place of the scout's eyes ahead of its axle; its color sensor is 56 mm ahead."""
 STARTS = {

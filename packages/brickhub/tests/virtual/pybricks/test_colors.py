@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from brickhub.virtual.pybricks.parameters import nearest
+from brickhub.virtual.pybricks.plug import _shifted_hue
 
 RED, YELLOW, GREEN, BLUE, WHITE, NONE = (
     (0, 100, 100),
@@ -21,6 +22,14 @@ RED, YELLOW, GREEN, BLUE, WHITE, NONE = (
 )
 DEFAULT = [RED, YELLOW, GREEN, BLUE, WHITE, NONE]
 colors = st.tuples(st.integers(0, 359), st.integers(0, 100), st.integers(0, 100))
+
+
+@pytest.mark.parametrize(
+    ("hue", "shifted"),
+    [(349, 349), (350, 350), (353, 356), (355, 0), (0, 10), (39, 49), (42, 51), (58, 59), (61, 61)],
+)
+def test_hues_near_red_are_shifted_towards_yellow(hue: int, shifted: int) -> None:
+    assert _shifted_hue(hue) == shifted
 
 
 @pytest.mark.parametrize(

@@ -231,10 +231,5 @@ def deterministic_policy(
     """A deterministic actor ``tanh(body)``, and the policy that adds normal exploration noise."""
     actor = Keyed(Actor(encoder, body, nn.Tanh()), encoder_keys(encoder), ["action"])
     # the same at both ends, so that TorchRL anneals nothing
-    exploration = AdditiveGaussianModule(
-        spec,
-        sigma_init=noise,
-        sigma_end=noise,
-        annealing_num_steps=1,
-    )
+    exploration = AdditiveGaussianModule(spec, sigma_init=noise, sigma_end=noise)
     return actor, TensorDictSequential(actor, exploration)

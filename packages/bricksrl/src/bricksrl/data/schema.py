@@ -8,6 +8,7 @@ from __future__ import annotations
 import dataclasses
 import enum
 import functools
+import hashlib
 import json
 import logging
 import math
@@ -173,7 +174,8 @@ class Description:
             for key in ("observation", "action")
         }
         values = {"bricksrl_dataset": VERSION, **dataclasses.asdict(self), **vectors}
-        return (json.dumps(values, indent=1) + "\n").encode()
+        whole = {**values, "sha256": digest_of(values)}
+        return (json.dumps(whole, indent=1) + "\n").encode()
 
     @classmethod
     def from_json(
@@ -189,10 +191,15 @@ class Description:
             "restore it from a copy",
         ):
             values = dict(json.loads(data))
+            digest = values.pop("sha256", None)
+            expected_digest = digest_of(values)
             if values.pop("bricksrl_dataset", None) != VERSION:
                 raise DataError(
                     f"{where} describes no dataset of this version of BricksRL; choose another"
                 )
+            # A letter of a name or a digit of a range may be spoiled, and still be a description.
+            if digest != expected_digest:
+                raise DataError(f"{where} is damaged or was edited; restore it from a copy")
             for key in ("observation", "action"):
                 values[key] = tuple(_entry_from_json(entry) for entry in values[key])
             check_fields(cls, values)
@@ -240,6 +247,11 @@ class Description:
             else:
                 phrases.append(f"robot {own}: the same name with another description")
         return phrases
+
+
+def digest_of(values: dict[str, Any]) -> str:
+    """SHA-256 of values, whatever the order and the spaces of their JSON."""
+    return hashlib.sha256(json.dumps(values, sort_keys=True).encode()).hexdigest()
 
 
 def describe(

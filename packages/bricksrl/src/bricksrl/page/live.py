@@ -240,9 +240,9 @@ class LivePage(PageServer):
         self.board.update_status(
             title=title,
             subtitle=subtitle,
-            state="waiting",
+            speeds=list(SPEEDS),
+            policies=list(self._policies),
         )
-        self.board.update_status(speeds=list(SPEEDS), policies=list(self._policies))
         if task is not None:
             self.board.update_status(goal=task.summary, scores=scores_to_beat(task.id))
             self._aim_for(())

@@ -176,8 +176,10 @@ class AsyncLearner(contextlib.AbstractContextManager["AsyncLearner"]):
         self._saves = 0
         self._saved = 0
 
+        # What cannot be learned there is refused before there is a process.
+        begin = self._first_message(config, env, state)
         self._start()
-        self._begin(config, env, state)
+        self._send("begin", begin)
 
     def _start(self) -> None:
         """Start the learner's process."""
@@ -190,13 +192,13 @@ class AsyncLearner(contextlib.AbstractContextManager["AsyncLearner"]):
                 f"cannot start the learner's process ({error.strerror}); train synchronously"
             ) from None
 
-    def _begin(
+    def _first_message(
         self,
         config: TrainConfig,
         env: EnvBase,
         state: dict[str, Any],
-    ) -> None:
-        """Tell the process what to learn, and where to go on."""
+    ) -> dict[str, Any]:
+        """What the process has to know: what to learn, and where to go on."""
         # The process makes the transforms of the config; those of a user's own environment it
         # cannot know, but a dataset has to pass through them.
         has_own_transforms = isinstance(env, TransformedEnv) and not config.is_transformed
@@ -207,14 +209,13 @@ class AsyncLearner(contextlib.AbstractContextManager["AsyncLearner"]):
             )
         # Behind transforms, goals and mirrors of the task would seem to fit what they do not.
         has_task = interface_of(env).task is not None and changes_nothing(env)
-        begin = {
+        return {
             "config": config.to_dict(),
             "specs": {name: getattr(env, name).cpu() for name in SPECS},
             "layout": layout_of(env),
             "has_task": has_task,
             "state": {name: state[name] for name in ("agent", "pace", "collected", "transforms")},
         }
-        self._send("begin", begin)
 
     def __exit__(
         self,

@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import csv
-import itertools
 import re
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any, cast
+from typing import Any
 
 import pytest
 import torch
@@ -20,11 +17,10 @@ from bricksrl.agents.replay.memory_state import memory_state
 from bricksrl.agents.sac import SACSettings
 from bricksrl.data import load
 from bricksrl.data.dataset import read_dataset
-from bricksrl.errors import DescriptionError, HubError, RunError, UnknownNameError
+from bricksrl.errors import HubError, RunError
 from bricksrl.training import (
     Callback,
     Episode,
-    Phase,
     Progress,
     RobotState,
     RunFolder,
@@ -34,11 +30,8 @@ from bricksrl.training import (
 )
 from bricksrl.training.checkpoint import load_checkpoint, save_checkpoint
 from bricksrl.training.fleet import fleet_robots as robots
-from bricksrl.training.fleet.fleet_robots import Member, make_fleet, members_of
-from bricksrl.training.fleet.schedule import FleetRobots
+from bricksrl.training.fleet.fleet_robots import make_fleet
 from bricksrl.training.learners import attach_dataset, make_learner_for
-from bricksrl.training.loop import Loop
-from bricksrl.training.sources import Ended, Playing
 
 pytestmark = [pytest.mark.realtime, pytest.mark.usefixtures("forked_children")]
 
@@ -237,127 +230,6 @@ def test_rows_of_different_robots_are_not_linked() -> None:
     assert memory_state(buffer)["successor"].tolist() == [1, 2, 8, 8, 8, 8, 7, 0]
 
 
-class Stub:
-    """A fleet without processes that logs calls."""
-
-    def __init__(self, robots: int) -> None:
-        self.members = [Member(f"r{place}", place, "virtual") for place in range(robots)]
-        for member in self.members:
-            member.process = cast("Any", "there")
-        self.log: list[tuple[str, Any]] = []
-
-    def begin_sending(self, member: Member) -> None:
-        member.is_ready = True
-
-    def tell(self, member: Member, kind: str, content: Any = None) -> None:
-        self.log.append((kind, member.number))
-
-    def __getattr__(self, name: str) -> Any:
-        return lambda *content, **named: self.log.append((name, content))
-
-
-def stub_fleet(tmp_path: Path, robots: int, **changes: Any) -> tuple[FleetRobots, Stub]:
-    stub, numbers = Stub(robots), itertools.count(1)
-    whole = config(tmp_path / "run", **changes)
-
-    def next_episode(being_played: int) -> Playing | None:
-        return (
-            Playing(next(numbers), Phase.TRAIN, 0, "sac") if being_played < whole.episodes else None
-        )
-
-    there = cast("Any", stub)
-    nobody = cast("Any", None)
-    return FleetRobots(
-        there, there, Callback(), nobody, None, next_episode, "virtual", whole.patience_s, True
-    ), stub
-
-
-def test_first_episodes_start_together(tmp_path: Path) -> None:
-    fleet, stub = stub_fleet(tmp_path, 3)
-    one, two, three = stub.members
-    fleet._handle((two, "ready", None))
-    assert not stub.log
-    three.process = None
-    fleet._handle((three, "gone", "it died"))
-    assert not stub.log, "the first one is still on its way"
-    fleet._handle((one, "ready", None))
-    assert stub.log == [("episode", 0), ("episode", 1)]
-    three.process = cast("Any", "there again")
-    fleet._handle((three, "ready", None))
-    assert stub.log[2:] == [("episode", 2)], "and that one joins them at once"
-
-
-def test_starting_process_gets_no_weights(tmp_path: Path) -> None:
-    fleet: Any = make_fleet(config(tmp_path / "run"))
-    sent: list[tuple[int, str]] = []
-    for member in fleet.members:
-        send = partial(lambda number, kind, _content: sent.append((number, kind)), member.number)
-        member.process = cast("Any", SimpleNamespace(send=send))
-    fleet.send_weights({"weight": torch.zeros(1)})
-    assert sent == [], "a pipe that nobody reads would be full, and the whole fleet would wait"
-    fleet.begin_sending(fleet.members[1])
-    fleet.send_weights({"weight": torch.ones(1)})
-    assert sent == [(1, "weights"), (1, "weights")]
-
-
-def test_last_error_is_of_the_robot_that_left_last(tmp_path: Path) -> None:
-    fleet, stub = stub_fleet(tmp_path, 2, patience_s=0.0)
-    one, two = stub.members
-    fleet._handle((two, "out", "its battery is empty"))
-    fleet._check_reach()
-    fleet._handle((one, "out", "it is out of reach"))
-    with pytest.raises(HubError, match="the last error, of r0: it is out of reach"):
-        fleet._check_reach()
-
-
-def test_next_episode_starts_before_saving_last(tmp_path: Path) -> None:
-    fleet, stub = stub_fleet(tmp_path, 1)
-    fleet._handle((stub.members[0], "ready", None))
-    fleet.playing[0].length = 1
-    stub.log.clear()
-    ended = fleet._handle((stub.members[0], "ended", (True, {}, False, False)))
-    assert isinstance(ended, Ended) and ended.episode is not None and ended.episode.length == 1
-    assert stub.log == [("episode", 0)]
-
-
-def test_episode_lost_before_its_first_step_is_played_again_as_it_was(tmp_path: Path) -> None:
-    loop: Any = Loop.__new__(Loop)
-    loop.config, loop.prefill_episodes, loop.episodes, loop._started, loop._numbers_again = (
-        config(tmp_path / "run"),
-        2,
-        [],
-        0,
-        [],
-    )
-    loop.learner, loop.signals = (
-        SimpleNamespace(end_episodes=lambda _robot: None),
-        SimpleNamespace(requested=False),
-    )
-    one, two, three = (loop._next_episode(0) for _ in range(3))
-    assert [playing.phase for playing in (one, two, three)] == [
-        Phase.PREFILL,
-        Phase.PREFILL,
-        Phase.TRAIN,
-    ]
-    loop._ended(Ended(two, None))
-    again, four = loop._next_episode(0), loop._next_episode(0)
-    assert (again.number, again.phase, again.seed) == (2, Phase.PREFILL, two.seed)
-    assert (four.number, four.phase) == (4, Phase.TRAIN)
-
-
-def test_pause_reaches_robots_that_are_starting(tmp_path: Path) -> None:
-    fleet: Any = make_fleet(config(tmp_path / "run"))
-    sent: list[str] = []
-    fleet.members[0].process = cast(
-        "Any", SimpleNamespace(send=lambda kind, _content: sent.append(kind))
-    )
-    for control, expected in ((fleet.pause, ["pause"]), (fleet.resume, []), (fleet.stop, ["stop"])):
-        control()
-        sent.clear()  # as if lost on a process that has no environment yet
-        fleet.begin_sending(fleet.members[0])
-        assert sent == expected
-
-
 def test_episode_cut_by_a_pause_is_recorded_as_such(tmp_path: Path) -> None:
     path, paused = tmp_path / "run", []
 
@@ -444,21 +316,6 @@ def test_run_ends_if_the_processes_of_all_robots_die_again_and_again(
     assert 2 <= len(RunFolder(tmp_path / "run").read_episodes()) <= 4
 
 
-def test_deaths_count_from_the_last_complete_episode(tmp_path: Path) -> None:
-    fleet, stub = stub_fleet(tmp_path, 1)
-    member, process = stub.members[0], stub.members[0].process
-    fleet._handle((member, "ready", None))
-    member.deaths, member.process = 4, None
-    fleet.playing[0].length = 1
-    fleet._handle((member, "gone", "it died"))
-    assert member.deaths == 4, "an episode that the death broke off is not complete"
-    member.process = process
-    fleet._handle((member, "ready", None))
-    fleet.playing[0].length = 1
-    fleet._handle((member, "ended", (True, {}, False, False)))
-    assert member.deaths == 0
-
-
 def test_error_of_a_users_task_ends_the_run(tmp_path: Path) -> None:
     lines = (
         "from dataclasses import replace",
@@ -471,32 +328,3 @@ def test_error_of_a_users_task_ends_the_run(tmp_path: Path) -> None:
         RunError, match=r"^virtual-[12] failed \(KeyError: 'speed', bad.py, line 3\); correct it"
     ):
         train(replace(config(tmp_path / "run"), env=f"{tmp_path / 'bad.py'}:TASK", patience_s=0.0))
-
-
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"robots": 2, "hub": "ble:A"}, "named one by one"),
-        ({"hub": "ble:A,ble:A", "robots": 1}, "give each robot a name"),
-        ({"hub": "ble,ble:A", "robots": 1}, "give each robot a name"),
-        ({"eval_every": 2}, "does not support num_envs"),
-        ({"num_envs": 2}, "does not support num_envs"),
-    ],
-)
-def test_invalid_fleet_raises(tmp_path: Path, changes: dict[str, Any], message: str) -> None:
-    with pytest.raises(RunError, match=message):
-        config(tmp_path / "run", **changes)
-    with pytest.raises(DescriptionError, match="robots is 0; give 1 or more"):
-        config(tmp_path / "run", robots=0)
-
-
-def test_real_robots_are_named_by_hub(tmp_path: Path) -> None:
-    named = config(tmp_path / "run", robots=1, hub="ble:A, ble:B")
-    assert [(member.name, member.number) for member in members_of(named)] == [
-        ("ble:A", 0),
-        ("ble:B", 1),
-    ]
-    with pytest.raises(UnknownNameError, match="no hub 'tin:B'"):
-        make_fleet(replace(named, hub="ble:A,tin:B"))
-    with pytest.raises(RunError, match="num_envs"):
-        make_fleet(replace(named, env="WalkerSim-v0"))

@@ -5,10 +5,11 @@ from __future__ import annotations
 import threading
 from dataclasses import replace
 from pathlib import Path
-from typing import get_args
+from typing import Any, get_args
 
 import pytest
 import torch
+from tensordict import TensorDict
 
 from bricksrl.envs.arenas import make_arena
 from bricksrl.envs.arenas.arena_task import ArenaState
@@ -140,3 +141,33 @@ def test_invalid_team_raises(tmp_path: Path) -> None:
     (tmp_path / "team.bin").write_bytes(b"nothing")
     with pytest.raises(CheckpointError):
         load_team(tmp_path / "team.bin")
+
+
+def test_each_robot_of_a_group_is_a_copy_of_its_own() -> None:
+    """In the order of time, with the arena's ends for each of them."""
+    group: Any = SACGroup.__new__(SACGroup)
+    group._group, group._robots = "agents", 2
+    copies, time = 3, 4
+    batch = [copies, time]
+    numbers = torch.arange(copies * time * 2.0).view(copies, time, 2, 1)
+    done = torch.zeros(copies, time, 1, dtype=torch.bool)
+    done[1, 3] = True
+    after = {
+        "agents": {"observation": numbers + 0.5, "reward": -numbers},
+        "terminated": done,
+        "done": done,
+        "link_lost": ~done,
+    }
+    frames = TensorDict(
+        {"agents": {"observation": numbers, "action": numbers * 2}, "next": after}, batch
+    )
+    rows = group._as_copies(frames)
+    assert rows.batch_size == torch.Size([6, 4])
+    for copy in range(copies):
+        for robot in range(2):
+            one = rows[2 * copy + robot]
+            assert torch.equal(one["observation"], numbers[copy, :, robot])
+            assert torch.equal(one["action"], 2 * numbers[copy, :, robot])
+            assert torch.equal(one["next", "reward"], -numbers[copy, :, robot])
+            assert torch.equal(one["next", "done"], done[copy])
+            assert torch.equal(one["next", "link_lost"], ~done[copy])

@@ -220,7 +220,7 @@ def _check_motions(
                 f"{names} can swing or slide; connect it at a second place, or write 0 "
                 "!BRICKSRL FREE before it"
             )
-            yield min((plan.parts[part].line for part in members), default=0), "half-held", text
+            yield min(plan.parts[part].line for part in members), "half-held", text
     yield from _check_motors(plan, bodies, motors)
 
 

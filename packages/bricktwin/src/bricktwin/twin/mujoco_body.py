@@ -77,13 +77,6 @@ class MujocoBody(TwinBody):
         x_m, y_m, z_m = (float(value) for value in self.data.site_xpos[site])
         return 1000 * x_m, 1000 * y_m, 1000 * z_m
 
-    def touching(self) -> set[str]:
-        """Names of the shapes that now touch the floor or an object."""
-        names: set[str] = set()
-        for contact in self.data.contact:
-            names.update(self.model.geom(int(geom)).name for geom in contact.geom)
-        return names
-
     def update_visuals(self) -> None:
         """Update the drawn geometry, cameras and lights to the joint positions, for renderers;
         physics steps do not."""

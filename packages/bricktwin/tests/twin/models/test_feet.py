@@ -15,7 +15,7 @@ from bricktwin.plans.planned_robot import PlannedRobot, planned_robot
 from bricktwin.robots import plans
 from bricktwin.robots.planned import robot_of_plan
 from bricktwin.twin.models.balance import standing_shapes
-from bricktwin.twin.models.feet import Shape, feet_of, shapes_of, turns_of
+from bricktwin.twin.models.feet import Shape, _without_gap, feet_of, shapes_of, turns_of
 from bricktwin.twin.mujoco_body import MujocoBody
 from bricktwin.twin.physics import Physics
 from bricktwin.twin.scene import OPEN_FLOOR
@@ -163,3 +163,16 @@ def test_linkages_neither_open_nor_flip_in_full_turns(
             # Half of the way between two poses is 4 degrees, and gears give way by as many. A leg
             # that has flipped is off by tens of degrees.
             assert math.degrees(math.acos(min(1.0, cosine))) < 15
+
+
+def test_what_is_in_line_with_a_wheel_belongs_to_it_up_to_a_gap() -> None:
+    def disc(from_mm: float, to_mm: float) -> Shape:
+        axes = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
+        middle_m = np.array([(from_mm + to_mm) / 2000, 0.2, 0.1])
+        half_m = np.array([0.02, 0.02, (to_mm - from_mm) / 2000])
+        return Shape(0, 0, Form.CYLINDER, middle_m, axes, half_m)
+
+    wheel, tyre, bush = disc(-10, 10), disc(13, 20), disc(-18, -12)
+    far = [disc(-60, -40), disc(30, 50)]
+    ends_m = _without_gap(wheel, [far[0], tyre, wheel, bush, far[1]])
+    assert ends_m == pytest.approx((-0.018, 0.020))

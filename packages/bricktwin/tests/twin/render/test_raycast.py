@@ -10,7 +10,7 @@ from bricktwin.robots import ROBO_ARM, TWO_WHEELER
 from bricktwin.twin.mujoco_body import MujocoBody
 from bricktwin.twin.physics import Physics
 from bricktwin.twin.render.opengl import Image, Renderer
-from bricktwin.twin.render.raycast import RayCaster
+from bricktwin.twin.render.raycast import RayCaster, _colours
 from bricktwin.twin.scene import Scene
 
 MOVES = (("B", 6000, 300), ("B", 6000, 900), ("A", 6000, 1300), ("D", -6000, 1700))
@@ -68,6 +68,17 @@ def test_spot_lights_may_cover_part(arm: MujocoBody) -> None:
     fine, coarse = (RayCaster(arm, 101, 75, "webcam", spot_px).render() for spot_px in (1, 7))
     assert fine.shape == coarse.shape == (75, 101, 3)
     assert np.array_equal(coarse[3::7, 3::7][:10, :14], fine[3::7, 3::7][:10, :14])
+
+
+def test_colours_are_those_of_materials_and_of_the_sky(arm: MujocoBody) -> None:
+    colours, textures = _colours(arm.model)
+    assert colours.shape == textures.shape == (arm.model.ngeom + 1, 3)
+    floor, ball = (arm.model.geom(name).id for name in ("floor", "ball"))
+    assert textures[floor].max() < 1.0, "it has a pattern"
+    assert colours[ball, 0] > 2 * colours[ball, 1:].max(), "it is red"
+    # What hits nothing reads the last row, which no light and no texture changes.
+    assert colours[-1].tolist() == [0.50, 0.59, 0.69]
+    assert textures[-1].tolist() == [1.0, 1.0, 1.0]
 
 
 def test_mistakes_raise(arm: MujocoBody) -> None:

@@ -62,6 +62,16 @@ def test_ghost_is_at_goal() -> None:
     assert (ghost[-20:] == plain[-20:]).all(), "the floor before it is as it was"
 
 
+def test_camera_is_farther_away_where_a_goal_is_to_be_seen_too() -> None:
+    body = make_body(WALKER)
+    near, far = Room(body), Room(body, Goal(at_mm=(600.0, 200.0)))
+    assert far.camera.distance > near.camera.distance
+    assert near.camera.lookat[:2] == pytest.approx((0.0, 0.0), abs=0.01)
+    # It looks at the middle between both.
+    assert far.camera.lookat[:2] == pytest.approx((0.3, 0.1), abs=0.01)
+    assert Room(make_body(ROBO_ARM)).camera.distance > near.camera.distance, "it reaches far"
+
+
 def test_no_wall_ahead_hides_the_robot() -> None:
     body = make_body(TWO_WHEELER, scene=Scene(wall_distance_mm=(150.0, 150.0)))
     camera = Room(body).camera

@@ -177,11 +177,8 @@ def _shifted_hue(hue: int) -> int:
     less and less down to 350 and up to 60."""
     if hue >= 350:
         return (350 + 2 * (hue - 350)) % 360
-    if hue < 40:
-        return hue + 10
-    if hue < 60:
-        return 50 + (hue - 40) // 2
-    return hue
+    # From 40 on, the correction shrinks by half a degree a degree; at 60 nothing is left of it.
+    return max(hue, min(hue + 10, 30 + hue // 2))
 
 
 def _limited_tilt(angle_deg: float) -> int:

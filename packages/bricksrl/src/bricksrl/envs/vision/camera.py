@@ -252,17 +252,19 @@ class Watch:
         self.mean_px = 0.0
         self.nearest_px = view.farthest_px
         self._disc: Disc | None = None
+        self._red = RedWindow()
         if view.goal is not None and self.goal is not None:
             self._disc = (self.goal, view.goal.radius_px)
+            self._red = view.goal.red
         self.image = shrink(frame, view.image_px, self._disc)
 
     def see(self, frame: Frame) -> None:
         """Update image and distances from the frame after a step."""
         self.image = shrink(frame, self._view.image_px, self._disc)
-        if self._view.goal is None or self.goal is None:
+        if self.goal is None:
             return
         # Red is looked for in the frame, because a small ball is only a few pixels of the image.
-        centres = find_red(frame, self._view.goal.red)
+        centres = find_red(frame, self._red)
         found_px = distances_px(centres, self.goal)
         self.nearest_px = self._view.farthest_px
         if len(found_px):
