@@ -156,8 +156,8 @@ class Operation:
         end_stops: lowest and highest angle (deg) of motors on the bench, by port.
         starts: angle (deg) at which motors on the bench stand at first, by port.
         devices: motors and sensors on the bench, by port; ``None`` for nothing.
-        own_devices: devices of the user's own, by port, also of a robot with a body; or functions
-            that make one for the robot.
+        own_devices: devices of the user's own, by port, also of a robot with a body, in place of
+            its sensors; or functions that make one for the robot.
         hub_name: what the hub is called.
         storage: file with what the hub's programs have stored, written anew at the end; ``None``
             for a hub that forgets it.
@@ -275,10 +275,10 @@ def run_file(
 
 
 def _plug_in(machine: Machine, devices: Mapping[str, AnyOwnDevice | OwnDeviceOf]) -> None:
-    """Plug in devices of the user's own. Raises TwinError if there is no such port, it is of
-    another kind, or a device of the robot is on it, and as `own_device_of`."""
+    """Plug in devices of the user's own, also in place of a robot's sensors. Raises TwinError if
+    there is no such port, it is of another kind, or a motor is on it, and as `own_device_of`."""
     robot = machine.robot
-    taken = [device.port for device in (*robot.motors, *robot.sensors)]
+    taken = [motor.port for motor in robot.motors]
     for port in devices:
         if port not in robot.hub.model.ports:
             raise TwinError(
@@ -287,7 +287,7 @@ def _plug_in(machine: Machine, devices: Mapping[str, AnyOwnDevice | OwnDeviceOf]
             )
         if port in taken:
             raise TwinError(
-                f"port {port} of '{robot.name}' has another device; plug yours into a free one"
+                f"port {port} of '{robot.name}' has a motor; plug your device into another port"
             )
     made = {port: own_device_of(device, machine.body) for port, device in devices.items()}
     for port, own in made.items():
@@ -391,7 +391,9 @@ def _ports_hint(error: BaseException, machine: Machine) -> str:
     if not is_missing or isinstance(machine.body, FittedBench):
         return ""
     robot = machine.robot
-    devices = sorted((*robot.motors, *robot.sensors), key=lambda device: device.port)
+    own = machine.own_devices
+    its = [device for device in (*robot.motors, *robot.sensors) if device.port not in own]
+    devices = sorted(its, key=lambda device: device.port)
     described = [f"{device.port} '{device.name}' ({device.kind.value})" for device in devices]
     fitted = ", ".join(described)
     return (
