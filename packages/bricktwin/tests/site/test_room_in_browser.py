@@ -262,6 +262,7 @@ def test_an_example_for_two_hubs_opens_both(room: Page) -> None:
     assert heard == [f"hear: number {number}" for number in range(4)]
 
 
+@pytest.mark.slow
 def test_an_address_of_an_example_for_two_hubs_opens_both(address: str, browser: Browser) -> None:
     """And runs them, at the first visit."""
     context = browser.new_context(viewport={"width": 1280, "height": 800})
