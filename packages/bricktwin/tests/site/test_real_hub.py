@@ -53,7 +53,11 @@ class Tab:
         return self.do("run", files={"main.py": source}, name="main.py", stdin=stdin)
 
     def teach(
-        self, trials: int, goal: str = "walk", numbers: tuple[float, ...] | None = None
+        self,
+        trials: int,
+        goal: str = "walk",
+        numbers: tuple[float, ...] | None = None,
+        state: dict[str, Any] | None = None,
     ) -> int:
         lesson = HUB_LESSONS[goal](self.robot).lesson
         program = generate_trials(
@@ -63,7 +67,7 @@ class Tab:
             lesson.structure.hub_source(),
         )
         self.hub.library.append(program.source)
-        request = {"goal": goal, "seed": 3, "state": None, "numbers": numbers}
+        request = {"goal": goal, "seed": 3, "state": state, "numbers": numbers}
         return self.do("teach", trials=trials, **request)
 
     def press(self, wish: str) -> None:
@@ -195,6 +199,16 @@ def test_a_robot_is_taught_and_measures_by_itself(walker: Tab) -> None:
     assert len(second["state"]["scores"]) == 2
     assert "NUMBERS = (" in first["source"]
     assert not walker.hub.is_running and not walker.hub.is_driven
+
+
+def test_a_search_goes_on_where_it_was(walker: Tab) -> None:
+    walker.teach(1)
+    (first,) = walker.page.of("trial")
+    walker.teach(1, state=first["state"])
+    *_, second = walker.page.of("trial")
+    assert second["state"]["scores"][:1] == first["state"]["scores"]
+    assert len(second["state"]["scores"]) == 2
+    assert second["numbers"] != first["numbers"]
 
 
 def test_a_trial_whose_link_is_lost_is_tried_again(
