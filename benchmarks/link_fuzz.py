@@ -30,7 +30,7 @@ from brickhub.hub.transports.profile import (
     parse_hub_kind,
     parse_version,
 )
-from brickhub.hub.transports.usb import Framer, decode_cobs, encode_cobs
+from brickhub.hub.transports.cobs import Framer, decode_cobs, encode_cobs
 from bricksrl.errors import HubProtocolError
 
 PAYLOAD_BYTES = 16

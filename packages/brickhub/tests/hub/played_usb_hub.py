@@ -13,7 +13,7 @@ from typing import Any
 
 from hub_firmware import PlayedFirmware, Refusal
 
-from brickhub.hub.transports.usb import Framer, encode_cobs
+from brickhub.hub.transports.cobs import Framer, encode_cobs
 from brickhub.robot import Robot
 
 MAX_MESSAGE_BYTES = 512

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from brickhub.errors import HubProtocolError
-from brickhub.hub.transports.usb import FRAME_END, Framer, decode_cobs, encode_cobs
+from brickhub.hub.transports.cobs import FRAME_END, Framer, decode_cobs, encode_cobs
 
 messages = (
     st.binary(max_size=300)
