@@ -15,6 +15,7 @@ from hub_firmware import PlayedFirmware, Refusal
 
 from brickhub.hub.transports.cobs import Framer, encode_cobs
 from brickhub.robot import Robot
+from brickhub.virtual.body import Body
 
 MAX_MESSAGE_BYTES = 512
 
@@ -56,8 +57,10 @@ class PlayedUsbHub(PlayedFirmware):
         max_write_bytes: largest command that it takes.
     """
 
-    def __init__(self, robot: Robot, name: str = "Pybricks Hub") -> None:
-        super().__init__(robot, name)
+    def __init__(
+        self, robot: Robot, name: str = "Pybricks Hub", body: Body | None = None
+    ) -> None:
+        super().__init__(robot, name, body)
         self.profile_version = "1.6.0"
         self.change: Callable[[bytes], bytes] = lambda data: data
         self.tells_product = True

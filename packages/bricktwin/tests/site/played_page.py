@@ -28,40 +28,19 @@ class PageHub(GattHub):
         self.page.put({"kind": "lost"})
 
 
-class PlayedPage:
-    """A page with a hub; implements ``HubPage`` and ``Page``.
+class TestedPage:
+    """What Python in the worker sees of a page, but for its hub; implements ``Page``.
 
     Attributes:
         events: what it was sent.
         on_event: called with each of them.
-        is_mute: whether writes have no answer any more, as of a browser whose promise stays open.
     """
 
-    def __init__(self, robot: Robot, body: Body | None = None) -> None:
-        self.hub = PageHub(robot, body)
-        self.hub.page = self
+    def __init__(self) -> None:
         self.events: list[dict[str, Any]] = []
         self.on_event: Callable[[dict[str, Any]], None] = lambda _: None
-        self.is_mute = False
         self._changed = threading.Condition()
         self._messages: list[dict[str, Any]] = []
-        self._loop = self.hub.loop = asyncio.new_event_loop()
-        self._thread = threading.Thread(target=self._serve, name="browser", daemon=True)
-        self._thread.start()
-
-    def _serve(self) -> None:
-        asyncio.set_event_loop(self._loop)
-        self._loop.call_soon(self.hub.switch_on)
-        self._loop.run_forever()
-        for task in asyncio.all_tasks(self._loop):
-            task.cancel()
-        self._loop.run_until_complete(asyncio.sleep(0))
-        self._loop.close()
-
-    def close(self) -> None:
-        self.hub.close()
-        self._loop.call_soon_threadsafe(self._loop.stop)
-        self._thread.join(5)
 
     def text(self, kind: str = "out") -> str:
         """What was printed."""
@@ -87,9 +66,6 @@ class PlayedPage:
 
     # ---- as Python in the worker sees it
 
-    def ask(self, number: int, operation: str, characteristic: str, data: str) -> None:
-        self.hub.submit(self._answer(number, operation, characteristic, bytes.fromhex(data)))
-
     def take(self) -> str:
         with self._changed:
             messages = self._messages
@@ -107,6 +83,40 @@ class PlayedPage:
         for event in json.loads(events or "[]"):
             self.events.append(event)
             self.on_event(event)
+
+
+class PlayedPage(TestedPage):
+    """A page with a hub; implements ``HubPage``, too.
+
+    Attributes:
+        is_mute: whether writes have no answer any more, as of a browser whose promise stays open.
+    """
+
+    def __init__(self, robot: Robot, body: Body | None = None) -> None:
+        super().__init__()
+        self.hub = PageHub(robot, body)
+        self.hub.page = self
+        self.is_mute = False
+        self._loop = self.hub.loop = asyncio.new_event_loop()
+        self._thread = threading.Thread(target=self._serve, name="browser", daemon=True)
+        self._thread.start()
+
+    def _serve(self) -> None:
+        asyncio.set_event_loop(self._loop)
+        self._loop.call_soon(self.hub.switch_on)
+        self._loop.run_forever()
+        for task in asyncio.all_tasks(self._loop):
+            task.cancel()
+        self._loop.run_until_complete(asyncio.sleep(0))
+        self._loop.close()
+
+    def close(self) -> None:
+        self.hub.close()
+        self._loop.call_soon_threadsafe(self._loop.stop)
+        self._thread.join(5)
+
+    def ask(self, number: int, operation: str, characteristic: str, data: str) -> None:
+        self.hub.submit(self._answer(number, operation, characteristic, bytes.fromhex(data)))
 
     async def _answer(self, number: int, operation: str, characteristic: str, data: bytes) -> None:
         answer: dict[str, Any] = {"kind": "answer", "number": number}

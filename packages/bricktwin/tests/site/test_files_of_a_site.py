@@ -15,7 +15,7 @@ from brickhub.hub.transports import profile
 from brickhub.robot import HubKind, MotorKind, Sense, SensorKind
 from bricktwin.robots import TWO_WHEELER
 from bricktwin.site import robots
-from bricktwin.site.names import bluetooth_names, device_table, pybricks_names
+from bricktwin.site.names import device_table, link_names, pybricks_names
 from bricktwin.site.robots import write_robots
 from bricktwin.site.storing import PACKED, pack, undated, write_json, write_packed_json
 from bricktwin.twin.objects import Line
@@ -77,11 +77,16 @@ def test_the_bench_knows_all_devices() -> None:
     assert prime == {"buttons": list(HubKind.PRIME.model.buttons), "display": True, "screen": None}
     brick = table["hubs"][HubKind.EV3.model.class_name]
     assert brick["screen"] == HubKind.EV3.model.screen_pixels and not brick["display"]
-    assert bluetooth_names() == {
-        "service": profile.SERVICE_UUID,
-        "others": [profile.DEVICE_INFORMATION_UUID],
-        "command": profile.COMMAND_EVENT_UUID,
+
+
+def test_the_page_names_hubs_to_the_browser() -> None:
+    names = link_names()
+    assert names["bluetooth"] == {
+        "filters": [{"services": [profile.SERVICE_UUID]}],
+        "optionalServices": [profile.DEVICE_INFORMATION_UUID],
     }
+    assert {"usbVendorId": 0x0694, "usbProductId": 0x0005} in names["cable"]["filters"]
+    assert names["command"] == profile.COMMAND_EVENT_UUID
 
 
 MINE = Scene(objects=(Line(((0, 0), (300, 0))),))

@@ -12,7 +12,7 @@ from typing import Any
 from brickhub.robot import Robot
 from bricktwin.robots import CART
 from bricktwin.site.houses import kit_package
-from bricktwin.site.names import bluetooth_names, device_table, pybricks_names
+from bricktwin.site.names import device_table, link_names, pybricks_names
 from bricktwin.site.packages import SiteError
 from bricktwin.site.robots import OWN, write_robots, write_together
 from bricktwin.site.runtimes import put_runtimes
@@ -84,7 +84,7 @@ def build_site(
         write_json(fresh / "programs.json", offered)
         write_json(fresh / "pybricks.json", pybricks_names())
         write_json(fresh / "devices.json", device_table())
-        write_json(fresh / "bluetooth.json", bluetooth_names())
+        write_json(fresh / "links.json", link_names())
         _finish(fresh)
         _replace(out, fresh)
     return sorted(path for path in out.rglob("*") if path.is_file())

@@ -4,6 +4,7 @@ import inspect
 from typing import Any
 
 from brickhub.hub.transports import profile
+from brickhub.hub.transports.usb import LEGO_VENDOR, PRODUCTS
 from brickhub.robot import HubKind, MotorKind, SensorKind
 from brickhub.virtual.bench_body import FittedBench
 from brickhub.virtual.machine import Machine
@@ -62,11 +63,18 @@ def device_table() -> dict[str, Any]:
     return {"motors": motors, "sensors": sensors, "hubs": hubs}
 
 
-def bluetooth_names() -> dict[str, Any]:
-    """What a page has to name to a browser: the ``service`` by which hubs are found, ``others`` of
-    which something is read, and the characteristic that takes a ``command``."""
+def link_names() -> dict[str, Any]:
+    """What a page has to name to a browser: how it asks for a hub with ``bluetooth``, and on a
+    ``cable``; and the characteristic of Bluetooth that takes a ``command``."""
     return {
-        "service": profile.SERVICE_UUID,
-        "others": [profile.DEVICE_INFORMATION_UUID],
+        "bluetooth": {
+            "filters": [{"services": [profile.SERVICE_UUID]}],
+            "optionalServices": [profile.DEVICE_INFORMATION_UUID],
+        },
+        "cable": {
+            "filters": [
+                {"usbVendorId": LEGO_VENDOR, "usbProductId": product} for product in PRODUCTS
+            ]
+        },
         "command": profile.COMMAND_EVENT_UUID,
     }

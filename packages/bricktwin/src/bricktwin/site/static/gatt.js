@@ -1,18 +1,9 @@
 // Bluetooth of the page: carries bytes between one hub, or device, and Python in the worker, which speaks with it. Nothing here knows what
 // they mean.
 
-const bytesOf = (digits) => Uint8Array.from(digits.match(/../g) ?? [], (byte) => parseInt(byte, 16));
-const digitsOf = (view) => Array.from(new Uint8Array(view.buffer, view.byteOffset, view.byteLength), (byte) => byte.toString(16).padStart(2, "0")).join("");
+import { bytesOf, digitsOf, Link } from "./link.js";
 
-export class Gatt {
-  // `on`: functions event(digits), lost().
-  constructor(on) {
-    this.on = on;
-    this.device = null;
-    this.waiting = []; // operations, as a browser does one at a time
-    this.atWork = null; // that whose answer is waited for
-  }
-
+export class Gatt extends Link {
   static isPossible() {
     return Boolean(navigator.bluetooth?.requestDevice);
   }
@@ -28,49 +19,13 @@ export class Gatt {
     return Boolean(this.device?.gatt.connected);
   }
 
-  // What was in flight may never have an answer of the browser's, or a late one, which nobody hears any more.
   lose() {
     this.characteristics = null;
-    this.giveUp("the link is lost", ({ request }) => request.operation !== "connect");
-    this.on.lost();
+    super.lose();
   }
 
-  // An operation of Python's; resolves to its answer, always. One that is urgent comes before others that wait.
-  do(request, isUrgent = false) {
-    if (request.operation === "close") return this.close();
-    return new Promise((resolve) => {
-      if (isUrgent) this.waiting.unshift({ request, resolve });
-      else this.waiting.push({ request, resolve });
-      this.work();
-    });
-  }
-
-  async work() {
-    while (this.waiting.length && !this.atWork) {
-      const entry = (this.atWork = this.waiting.shift());
-      try {
-        entry.resolve((await this.perform(entry.request)) ?? {});
-      } catch (error) {
-        entry.resolve({ error: error.name ?? "Error", message: String(error.message ?? error) });
-      }
-      if (this.atWork !== entry) return; // it was given up meanwhile
-      this.atWork = null;
-    }
-  }
-
-  // Give up all that waits, also what a browser never answers.
-  async close() {
-    this.giveUp("the connection was given up", () => true);
+  disconnect() {
     this.device?.gatt.disconnect();
-    return {};
-  }
-
-  giveUp(message, isGiven) {
-    const given = [this.atWork, ...this.waiting].filter((entry) => entry && isGiven(entry));
-    if (given.includes(this.atWork)) this.atWork = null;
-    this.waiting = this.waiting.filter((entry) => !given.includes(entry));
-    for (const { resolve } of given) resolve({ error: "NetworkError", message });
-    this.work();
   }
 
   async perform({ operation, characteristic, data }) {

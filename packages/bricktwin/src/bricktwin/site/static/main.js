@@ -408,7 +408,7 @@ async function begin() {
   };
 
   real = new RealHub(byId("real"), {
-    button: byId("connect"), names: await json("bluetooth.json"), hub,
+    buttons: { bluetooth: byId("connect"), cable: byId("connect-cable") }, names: await json("links.json"), hub,
     on: {
       note,
       start: startOnHub,

@@ -1,26 +1,38 @@
 // The real hub: a bar of the page to connect it, to run programs on it, and to stop it whatever else happens.
 
+import { Cable } from "./cable.js";
 import { Gatt } from "./gatt.js";
 
 export const NO_BLUETOOTH = "This browser lets no page use Bluetooth. Chrome and Edge do, on Windows, macOS, ChromeOS and Android; on Linux once "
   + "chrome://flags/#enable-experimental-web-platform-features is switched on. Firefox, Safari, iPhones and iPads do not.";
+const NO_SERIAL = "This browser lets no page use a cable. Chrome, Edge and Opera do, on a computer with Windows, macOS, Linux or ChromeOS. Firefox, Safari, "
+  + "phones and tablets do not.";
 export const NO_WAY_IN = "A hub needs an address that begins with https, or that of this computer (python serve.py); this one has none, or the page has just been opened for the first time: load it again.";
 const LOST = "The link to the hub is lost.";
 const LOST_IN_PROGRAM = `${LOST} Your program goes on, on the hub: press the hub's button to stop it. Then connect again.`;
 const LOST_IN_TRY = `${LOST} The hub ends its try by itself, and its motors stop. The page connects again …`;
 const AGAIN_MS = 20;
+// What carries the bytes.
+const WAYS = {
+  bluetooth: { Kind: Gatt, title: "Bluetooth", lacking: NO_BLUETOOTH },
+  cable: { Kind: Cable, title: "The cable", lacking: NO_SERIAL },
+};
 
 export class RealHub {
-  // `names`: bluetooth.json. `hub`: the hub of the tab, which has the worker. `on`: functions start(request), event(event),
-  // changed(), note(text).
-  constructor(element, { button, names, hub, on }) {
+  // `buttons`: that connect, by way. `names`: links.json. `hub`: the hub of the tab, which has the worker. `on`: functions start(request),
+  // event(event), changed(), note(text).
+  constructor(element, { buttons, names, hub, on }) {
     this.find = (name) => element.querySelector(`[data-real="${name}"]`);
-    Object.assign(this, { element, button, names, hub, on });
-    this.gatt = new Gatt({ event: (data) => this.tell({ kind: "event", data }), lost: () => this.lose() });
+    Object.assign(this, { element, buttons, names, hub, on });
+    this.links = {};
+    for (const [by, { Kind }] of Object.entries(WAYS)) {
+      this.links[by] = new Kind({ event: (data) => this.tell({ kind: "event", data }), lost: () => this.lose() });
+      buttons[by].onclick = () => this.connect(by);
+    }
+    this.by = "bluetooth";
     this.known = { connected: false };
     this.doing = null; // what Python does on the hub: connect, leave, run or teach
     this.late = []; // messages for which the mailbox has had no room yet
-    button.onclick = () => this.connect();
     this.find("run").onclick = () => this.on.run();
     this.find("stop").onclick = () => this.stop();
     this.find("again").onclick = () => this.begin("connect");
@@ -28,35 +40,40 @@ export class RealHub {
     this.draw();
   }
 
+  get link() {
+    return this.links[this.by];
+  }
+
   get isConnected() {
-    return this.known.connected && this.gatt.isConnected;
+    return this.known.connected && this.link.isConnected;
   }
 
   // ---------------------------------------------------------------- the person
 
-  async connect() {
+  async connect(by) {
+    const { Kind, title, lacking } = WAYS[by];
     this.on.note("");
-    if (!Gatt.isPossible()) return this.on.note(NO_BLUETOOTH);
+    if (!Kind.isPossible()) return this.on.note(lacking);
     if (!this.hub.hasWayIn) return this.on.note(NO_WAY_IN);
     try {
-      const { service, others } = this.names;
-      await this.gatt.choose({ filters: [{ services: [service] }], optionalServices: others });
+      await this.links[by].choose(this.names[by]);
     } catch (error) {
       // Who closes the browser's window of hubs wants none.
-      if (error.name !== "NotFoundError") this.on.note(`Bluetooth cannot be used here: ${error.message}`);
+      if (error.name !== "NotFoundError") this.on.note(`${title} cannot be used here: ${error.message}`);
       return;
     }
+    this.by = by;
     this.begin("connect");
   }
 
   leave() {
     if (this.begin("leave")) return;
-    this.gatt.do({ operation: "close" });
+    this.link.do({ operation: "close" });
   }
 
   // Python does something on the hub; false while it does something else.
   begin(doing, request = {}) {
-    if (!this.on.start({ hub: doing, ...request })) return false;
+    if (!this.on.start({ hub: doing, by: this.by, ...request })) return false;
     this.doing = doing;
     this.say(doing === "connect" ? "connecting …" : "");
     this.draw();
@@ -67,17 +84,17 @@ export class RealHub {
   async stop() {
     if (this.doing) this.hub.stop();
     if (!this.known.stop) return;
-    await this.gatt.do({ operation: "write", characteristic: this.names.command, data: this.known.stop }, true);
+    await this.link.do({ operation: "write", characteristic: this.names.command, data: this.known.stop }, true);
   }
 
   goOn() {
     this.tell({ kind: "go on" });
   }
 
-  // ---------------------------------------------------------------- between Bluetooth and Python
+  // ---------------------------------------------------------------- between the hub and Python
 
   async ask({ number, operation, characteristic, data }) {
-    const answer = await this.gatt.do({ operation, characteristic, data });
+    const answer = await this.link.do({ operation, characteristic, data });
     this.tell({ kind: "answer", number, ...answer });
   }
 
@@ -130,7 +147,7 @@ export class RealHub {
   restart() {
     this.doing = null;
     this.late = [];
-    if (this.gatt.isConnected) this.begin("connect");
+    if (this.link.isConnected) this.begin("connect");
   }
 
   // ---------------------------------------------------------------- the bar
@@ -141,9 +158,9 @@ export class RealHub {
 
   draw() {
     const { name, type, firmware, battery, running } = this.known, isConnected = this.isConnected;
-    const isKnown = Boolean(this.gatt.device) && (isConnected || Boolean(name) || Boolean(this.doing));
+    const isKnown = Boolean(this.link.device) && (isConnected || Boolean(name) || Boolean(this.doing));
     this.element.hidden = !isKnown;
-    this.button.hidden = isKnown;
+    for (const button of Object.values(this.buttons)) button.hidden = isKnown;
     this.find("name").textContent = name || "Hub";
     this.find("facts").textContent = isConnected ? `${type}, firmware ${firmware}, battery ${battery}${running ? ", a program runs" : ""}` : "";
     this.find("facts").classList.toggle("low", isConnected && battery !== "charged");

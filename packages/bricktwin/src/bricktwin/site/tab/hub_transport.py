@@ -1,4 +1,4 @@
-"""Transport to a real hub from a tab: the one of Bluetooth, in the worker's own event loop."""
+"""Transport to a real hub from a tab, by Bluetooth or cable, in the worker's own event loop."""
 
 import asyncio
 from collections.abc import Callable
@@ -9,7 +9,7 @@ from brickhub.hub.transports.connection import HubConnection, Port
 from brickhub.hub.transports.event_loop import LoopRunner
 from brickhub.hub.transports.pybricks_hub import ProfileTransport
 from bricktwin.site.tab.mailbox_loop import MailboxRunner, Message
-from bricktwin.site.tab.web_port import HubPage, WebPort
+from bricktwin.site.tab.web_port import CablePort, HubPage, PagePort, WebPort
 
 _FIRST_SEARCH_S = 20.0
 _SEARCH_AGAIN_S = 45.0
@@ -17,10 +17,12 @@ _SEARCH_AGAIN_S = 45.0
 _LOOK_S = 0.2
 """Longest wait for output between two looks at what the person at the page wants."""
 _OF_PERSON = ("stop", "go on")
+_PORTS: dict[str, Callable[[HubPage], PagePort]] = {"bluetooth": WebPort, "cable": CablePort}
+"""Ports by what carries their bytes."""
 
 
 class WebTransport(ProfileTransport):
-    """A :class:`~brickhub.hub.transport.Transport` through the Bluetooth of a page.
+    """A :class:`~brickhub.hub.transport.Transport` through the Bluetooth, or the cable, of a page.
 
     Args:
         page: the page.
@@ -29,20 +31,27 @@ class WebTransport(ProfileTransport):
     Attributes:
         on_person: called, within the loop, with what the person at the page wants: ``stop``, or
             ``go on``.
+        by: what carries the bytes of the next connection: ``bluetooth`` or ``cable``.
     """
 
     def __init__(self, page: HubPage, on_look: Callable[[], None]) -> None:
         super().__init__(timeout_s=_FIRST_SEARCH_S)
         self.on_person: Callable[[str], None] = lambda _: None
+        self.by = "bluetooth"
         self._page = page
         self._on_look = on_look
         self._runner: MailboxRunner | None = None
-        self._port: WebPort | None = None
+        self._port: PagePort | None = None
 
     @property
     def connection(self) -> HubConnection | None:
         """The present connection; it may be broken."""
         return self._connection
+
+    @property
+    def emergency_stop(self) -> bytes:
+        """What the page itself writes to stop the hub of the present connection."""
+        return b"" if self._port is None else self._port.stop
 
     def read(self, timeout_s: float) -> bytes:
         end_s = self.now_s() + timeout_s
@@ -92,7 +101,7 @@ class WebTransport(ProfileTransport):
 
     async def _find(self, timeout_s: float) -> Port:
         self._on_look()
-        self._port = WebPort(self._page)
+        self._port = _PORTS[self.by](self._page)
         return self._port
 
 

@@ -1,5 +1,5 @@
 """Real hub of a tab: connects, runs a program of the page, lets a robot learn; the very code that
-does so on a computer, over the page's Bluetooth."""
+does so on a computer, over the page's Bluetooth or cable."""
 
 import io
 import json
@@ -13,7 +13,7 @@ from brickhub.hub.program.compile import check_program
 from brickhub.hub.program.program_files import ProgramFiles
 from brickhub.hub.program.run_program import load_program, run_program
 from brickhub.hub.transports.connection import HubIdentity
-from brickhub.hub.transports.profile import PybricksCommand, Status
+from brickhub.hub.transports.profile import Status
 from brickhub.robot import Robot
 from bricktwin.site.tab.hub_lessons import HUB_LESSONS
 from bricktwin.site.tab.hub_teaching import HubTeaching
@@ -32,15 +32,13 @@ from bricktwin.site.tab.web_port import HubPage
 
 LOST_EXIT_CODE = 3
 """Exit code of a run whose link was lost."""
-STOP = bytes((PybricksCommand.STOP_USER_PROGRAM,))
-"""What the page itself writes at an emergency stop, whatever Python does at that moment."""
 
 
 class RealHub:
     """The hub that the person at the page has connected.
 
     Args:
-        hub_page: the page's Bluetooth.
+        hub_page: the page's Bluetooth and cable.
         page: the page. Beside the events of a program it is sent ``hub``: what is known of the hub.
     """
 
@@ -56,11 +54,13 @@ class RealHub:
         Args:
             request_text: JSON with ``hub``: ``connect``, ``leave``, ``run`` (and what
                 :func:`~bricktwin.site.tab.run.run_in_tab` takes) or ``teach`` (and what
-                :func:`~bricktwin.site.tab.teach.teach_in_tab` takes).
+                :func:`~bricktwin.site.tab.teach.teach_in_tab` takes); and ``by``: ``bluetooth``,
+                which is usual, or ``cable``.
             file: the robot's, to teach it.
         """
         request = json.loads(request_text)
         self._is_stopped = False
+        self._transport.by = request.get("by", "bluetooth")
         self._transport.on_person = self._on_person(self._transport.stop)
         try:
             return self._do(request, file)
@@ -180,7 +180,7 @@ class RealHub:
             "firmware": identity.firmware,
             "battery": _battery(connection.status.flags),
             "running": connection.is_running,
-            "stop": STOP.hex(),
+            "stop": self._transport.emergency_stop.hex(),
         }
 
 

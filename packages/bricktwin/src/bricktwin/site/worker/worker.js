@@ -31,7 +31,7 @@ const page = {
   may_go_on: (ms) => !mailbox || mailbox.mayGoOn(ms, PATIENCE_MS),
 };
 
-// Bluetooth is the page's: what Python asks of it, see tab/web_port.py.
+// Bluetooth and cable are the page's: what Python asks of it, see tab/web_port.py.
 const hubPage = {
   ask: (number, operation, characteristic, data) => say("ask", { number, operation, characteristic, data }),
   ask_kit: (number, operation, device, characteristic, data) => say("ask", { number, operation, device, characteristic, data }),
