@@ -93,6 +93,10 @@ class EmulatedHub(GattHub):
         await self._add_services()
         self.switch_on()
 
+    async def meet(self, page: Page) -> None:
+        """Be in reach of a page."""
+        self.page = page
+
     async def _add_services(self) -> None:
         hub = await self._service(profile.SERVICE_UUID)
         both = {"read": True, "write": True, "notify": True}
@@ -221,6 +225,8 @@ class Peripheral(Protocol):
 
     async def plug_into(self, browser: Browser) -> None: ...
 
+    async def meet(self, page: Page) -> None: ...
+
     def switch_off(self) -> None: ...
 
 
@@ -237,8 +243,7 @@ async def page_with(hub: Peripheral, address: str) -> AsyncIterator[Page]:
         try:
             await hub.plug_into(browser)
             page = await _page(browser)
-            if isinstance(hub, EmulatedHub):
-                hub.page = page
+            await hub.meet(page)
             errors: list[str] = []
             page.on("pageerror", lambda error: errors.append(str(error)))
             await page.goto(address)

@@ -42,6 +42,9 @@ class EmulatedKit:
         """Whether a motor has a voltage."""
         return any(servo.voltage_mv for servo in self._kit.machine.servos.values())
 
+    async def meet(self, page: Page) -> None:
+        """A page finds it by the browser."""
+
     async def plug_into(self, browser: Browser) -> None:
         """Be a peripheral of a browser."""
         self._cdp: CDPSession = await browser.new_browser_cdp_session()
