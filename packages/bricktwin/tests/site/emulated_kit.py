@@ -15,7 +15,7 @@ from brickhub.kits.virtual_kit import VirtualKit
 from brickhub.virtual.body import Body
 
 if TYPE_CHECKING:
-    from playwright.async_api import Browser, CDPSession
+    from playwright.async_api import Browser, CDPSession, Page
 
 SERVICE = "0000fd02-0000-1000-8000-00805f9b34fb"
 WRITE = "0000fd02-0001-1000-8000-00805f9b34fb"

@@ -1,5 +1,5 @@
-"""A write that is in flight when the link to a hub is lost, before the page's own Bluetooth: the
-browser's promise stays open for ever, or ends late."""
+"""A write that is in flight when the link to a hub is lost, before the page's own Bluetooth and
+cable: the browser's promise stays open for ever, or ends late."""
 
 from __future__ import annotations
 
@@ -67,3 +67,71 @@ def test_a_write_ends_with_the_link_however_late_the_browser_does(page: Page, ho
     assert told["next"] == {}
     assert told["read"] == {"value": "0102"}
     assert told["writes"] == 2
+
+
+# A browser's Web Serial with one port, whose cable is pulled while a write has no end; then it is
+# another port, beside one of another kind.
+PULLED = """async () => {
+    const { Cable } = await import("./cable.js");
+    const pause = (ms) => new Promise((done) => setTimeout(done, ms));
+    const written = [], signals = [];
+    const make = (usbProductId, write) => ({
+        getInfo: () => ({ usbVendorId: 0x0694, usbProductId }),
+        async open() {
+            if (this.readable) throw new DOMException("It is open.", "InvalidStateError");
+            this.readable = new ReadableStream({ start: (stream) => (this.stream = stream) });
+            this.writable = new WritableStream({ write });
+        },
+        async setSignals(signal) { signals.push(signal.dataTerminalReady); },
+        async close() {
+            if (this.readable?.locked || this.writable?.locked) throw new TypeError("it is locked");
+            this.readable = this.writable = null;
+        },
+        pull() {
+            this.readable = null;
+            this.stream.error(new DOMException("The device has been lost.", "NetworkError"));
+        },
+    });
+    const first = make(5, () => new Promise(() => {}));
+    const second = make(5, (chunk) => void written.push([...chunk]));
+    let ports = [first];
+    Object.defineProperty(navigator, "serial", {
+        configurable: true, value: { requestPort: async () => first, getPorts: async () => ports },
+    });
+    let lost = 0;
+    const heard = [];
+    const cable = new Cable({ event: (digits) => heard.push(digits), lost: () => lost++ });
+    await cable.choose({});
+    const connected = [await cable.do({ operation: "connect" })];
+    first.stream.enqueue(Uint8Array.of(1, 254));
+    const write = cable.do({ operation: "write", data: "0a" });
+    await pause(5);
+    first.pull();
+    const ended = await Promise.race([write, pause(1000).then(() => "nothing")]);
+    await pause(5);
+    const after = await cable.do({ operation: "write", data: "0b" });
+    ports = [make(9), second];
+    connected.push(await cable.do({ operation: "connect" }));
+    const next = await cable.do({ operation: "write", data: "ff00" }, true);
+    const closed = await cable.do({ operation: "close" });
+    const isConnected = cable.isConnected, isOpen = Boolean(second.readable);
+    return { connected, heard, ended, after, next, closed, lost, written, signals, isConnected, isOpen };
+}"""  # noqa: E501
+
+
+def test_a_pulled_cable_ends_a_write_and_is_found_again(page: Page) -> None:
+    told: dict[str, Any] = page.evaluate(PULLED)
+    assert told["connected"] == [{"product": 5}] * 2
+    assert told["signals"] == [True, True]
+    assert told["heard"] == ["01fe"]
+    assert told["ended"] == {"error": "NetworkError", "message": "the link is lost"}
+    assert told["after"] == {"error": "NetworkError", "message": "it is not connected"}
+    assert (told["next"], told["closed"], told["lost"]) == ({}, {}, 1)
+    assert told["written"] == [[255, 0]]
+    assert (told["isConnected"], told["isOpen"]) == (False, False)
+
+
+def test_where_there_is_no_web_serial_the_page_says_who_has_it(page: Page) -> None:
+    page.evaluate("Object.defineProperty(navigator, 'serial', { configurable: true, value: null })")
+    page.click("#connect-cable")
+    assert "Firefox, Safari, phones and tablets do not" in (page.text_content("#note") or "")
