@@ -24,13 +24,13 @@ from brickhub.hub.protocol import (
     data_frame,
     hello_payload,
 )
+from brickhub.hub.transports.cobs import Framer, decode_cobs, encode_cobs
 from brickhub.hub.transports.profile import (
     parse_capabilities,
     parse_event,
     parse_hub_kind,
     parse_version,
 )
-from brickhub.hub.transports.cobs import Framer, decode_cobs, encode_cobs
 from bricksrl.errors import HubProtocolError
 
 PAYLOAD_BYTES = 16

@@ -57,9 +57,7 @@ class PlayedUsbHub(PlayedFirmware):
         max_write_bytes: largest command that it takes.
     """
 
-    def __init__(
-        self, robot: Robot, name: str = "Pybricks Hub", body: Body | None = None
-    ) -> None:
+    def __init__(self, robot: Robot, name: str = "Pybricks Hub", body: Body | None = None) -> None:
         super().__init__(robot, name, body)
         self.profile_version = "1.6.0"
         self.change: Callable[[bytes], bytes] = lambda data: data

@@ -19,9 +19,9 @@ from bricktwin.robots import EV3_DRIVER
 if TYPE_CHECKING:
     from playwright.async_api import Page
 
-pytestmark = [pytest.mark.slow, pytest.mark.realtime, pytest.mark.timeout(120)]
+pytestmark = [pytest.mark.slow, pytest.mark.realtime, pytest.mark.timeout(240)]
 
-LINES = 300
+LINES = 60
 OUTPUT = "".join(f"{number:05}{'x' * 94}\n" for number in range(LINES))
 PRINTS = f"for number in range({LINES}):\n    print('%05d' % number + 94 * 'x')\n"
 DRIVE = (
@@ -86,7 +86,7 @@ def test_programs_run_are_stopped_and_survive_a_pulled_cable(address: str) -> No
     async def scenario() -> None:
         hub = HubOnCable(replace(EV3_DRIVER, sensors=()))
         async with page_with(hub, address) as page:
-            page.set_default_timeout(20000)
+            page.set_default_timeout(40_000)
             asked: set[str] = set()
             page.context.on("request", lambda request: asked.add(request.url))
             await connect(page)
