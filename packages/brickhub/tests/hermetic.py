@@ -8,6 +8,7 @@ import os
 import shutil
 import signal
 import tempfile
+from pathlib import Path
 
 from hypothesis import settings
 
@@ -20,6 +21,10 @@ if "BRICKS_TESTS_CACHE" not in os.environ:
         prefix="bricks-cache-"
     )
     atexit.register(shutil.rmtree, os.environ["BRICKS_TESTS_CACHE"], ignore_errors=True)
+
+# What Matplotlib finds out of the fonts is the same each time, and takes a second; it stays until
+# `make clean`.
+os.environ["MPLCONFIGDIR"] = str(Path(__file__).parents[3] / "build" / "matplotlib")
 
 # Before torch is imported, and inherited by the commands that tests start: tests share their cores.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
