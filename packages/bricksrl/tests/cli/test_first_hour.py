@@ -111,7 +111,7 @@ def test_new_file_in_a_folder_of_any_name_is_valid(tmp_path: Path) -> None:
     ("task", "says"),
     [
         ("NAN", r"the reward of Nan-v0 is \[nan\] in step 1"),
-        ("RAISES", r"KeyError: 'speed', own\.py, line 8; correct it"),
+        ("RAISES", r"KeyError: 'speed', own\.py, line 9; correct it"),
         ("OURS", "RunAway-v0 comes with BricksRL"),
     ],
 )
