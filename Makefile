@@ -69,8 +69,9 @@ check: $(INSTALLED)
 	$(BESIDE) $(BIN)/mypy
 	$(BIN)/lint-imports --no-logo
 
+test: export BRICKS_TESTS_CACHE := $(CURDIR)/build/tests-cache
 test: $(INSTALLED)
-	@rm -rf $(SKIPS)
+	@rm -rf $(SKIPS) $(BRICKS_TESTS_CACHE)
 	@code=0; $(MAKE) --jobs 2 light rest || code=$$?; \
 	$(BIN)/python tests/plugins/skipped.py $(SKIPS) || code=$$?; exit $$code
 
