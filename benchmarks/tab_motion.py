@@ -40,8 +40,11 @@ def engine_of(text: str) -> Any:
 
     file = json.loads(text)
     model = mujoco.MjModel.from_xml_string(file["mjcf"])
-    for name, values in file["fields"].items():
+    for name, values in file.get("fields", {}).items():
         getattr(model, name).reshape(-1)[:] = values
+    # Robots that share a world are put together of their parts' numbers.
+    for name, first, values in file.get("pieces", ()):
+        getattr(model, name).reshape(-1)[first : first + len(values)] = values
     return MujocoEngine(model)
 
 

@@ -14,8 +14,10 @@ loads itself once more for its service worker) and from the site's own starter `
   collections of garbage let it rise and fall, so that a leak shows in the least of each third.
 - A time-lapse: the same program as fast as it goes, by which an hour of the robot's time takes a
   few minutes; memory of the page's process, and of what its scripts hold.
+- The same of two and of three hubs, whose robots share a world: a worker and a Python for each.
 
-``--visitors 0`` and ``--minutes 0`` leave these out, and keep what was measured of them.
+``--visitors 0``, ``--minutes 0``, ``--lapse 0`` and ``--hubs 0`` leave these out, and keep what was
+measured of them.
 """
 
 from __future__ import annotations
@@ -70,6 +72,12 @@ BEGUN = {
     "world": "",
 }
 """What the page knows of a visitor who has that program."""
+
+
+def begun_together(hubs: int) -> dict[str, Any]:
+    """The same of a visitor who runs it on so many hubs."""
+    seat = {"program": BEGUN["current"], "robot": BEGUN["robot"]}
+    return {**BEGUN, "hubs": [seat] * hubs, "hub": 0}
 
 
 class _PlainFiles(http.server.SimpleHTTPRequestHandler):
@@ -225,12 +233,14 @@ def lapse(
     browser: Browser,
     address: str,
     minutes: float,
+    begun: dict[str, Any],
 ) -> dict[str, Any]:
-    """Memory while a program drives without end as fast as it goes."""
+    """Memory while programs drive without end as fast as they go; ``begun``: what the page
+    knows."""
     context = browser.new_context(viewport=SIZE)
     context.set_default_timeout(TIMEOUT_MS)
     page = context.new_page()
-    page.add_init_script(f"localStorage['bricks-programs'] ??= {json.dumps(json.dumps(BEGUN))}")
+    page.add_init_script(f"localStorage['bricks-programs'] ??= {json.dumps(json.dumps(begun))}")
     page.goto(address)
     page.wait_for_selector("#state.ready")
     page.select_option("#rate", "fast")
@@ -252,7 +262,7 @@ def main(session: Session) -> None:
     """Measure, and write the result."""
     from playwright.sync_api import sync_playwright
 
-    args = session.parse(minutes=15.0, visitors=5, lapse=3.0)
+    args = session.parse(minutes=15.0, visitors=5, lapse=3.0, hubs=1.0)
     with tempfile.TemporaryDirectory(prefix="tab-page-") as name:
         folder = Path(name) / "site"
         files = build_site(folder)
@@ -276,7 +286,13 @@ def main(session: Session) -> None:
                     result["running"] = drive(browser, address, args.minutes)
                     print(result["running"], flush=True)
                 if args.lapse:
-                    result["lapse"] = lapse(browser, address, args.lapse)
+                    result["lapse"] = lapse(browser, address, args.lapse, BEGUN)
                     print(result["lapse"], flush=True)
+                # One hub, too, in the same time: what a hub more takes is the difference.
+                for hubs, name in ((1, "one_hub"), (2, "two_hubs"), (3, "three_hubs")):
+                    if args.hubs:
+                        begun = begun_together(hubs) if hubs > 1 else BEGUN
+                        result[name] = lapse(browser, address, args.hubs, begun)
+                        print(name, result[name], flush=True)
             browser.close()
     session.write(result)

@@ -20,8 +20,10 @@ import bricksrl.cli.app
 import bricktwin.cli.command_table
 from benchmarks.notebooks import digest
 from brickhub.cli.app import parse
+from brickhub.robot import Robot
 from bricksrl.cli import main
 from bricksrl.envs.registry import _BUILT_IN
+from bricktwin.robots import EV3_DRIVER
 from bricktwin.site.build import programs
 
 ROOT = Path(__file__).parents[2]
@@ -153,6 +155,16 @@ def shortened(source: str) -> str:
 
 
 @pytest.mark.slow
+def test_robots_of_the_page_on_ev3_are_mounted_as_ours() -> None:
+    """A program of the page drives our robot ahead, and does not turn it on the spot."""
+    program, description, *_ = blocks(DOCS / "ev3.md", "python")
+    described: dict[str, Robot] = {}
+    exec(description, described)  # noqa: S102  it is ours
+    assert described["ROBOT"].motors == EV3_DRIVER.motors
+    for motor in EV3_DRIVER.motors:
+        assert f"{motor.name} = Motor(Port.{motor.port})\n" in program
+
+
 @pytest.mark.parametrize("path", NOTEBOOKS[1:], ids=lambda path: path.stem)
 def test_notebooks_run(path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)

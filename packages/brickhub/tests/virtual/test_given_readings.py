@@ -109,6 +109,8 @@ def test_end_stops_of_a_robot_are_angles_of_its_outputs() -> None:
     [
         ("A=interactive", ("A", MotorKind.INTERACTIVE)),
         ("b=colorsensor", ("B", SensorKind.COLOR)),
+        ("S1=TouchSensor", ("1", SensorKind.EV3_TOUCH)),
+        ("2=GyroSensor", ("2", SensorKind.EV3_GYRO)),
         ("C=Nothing", ("C", None)),
     ],
 )

@@ -250,7 +250,7 @@ def test_invalid_descriptions_are_refused(make: object, says: str) -> None:
 def test_ports_are_checked(tmp_path: Path) -> None:
     with pytest.raises(TwinError, match="the prime hub has no port Z"):
         run(tmp_path, "", {"Z": gauge()})
-    with pytest.raises(TwinError, match="port E of 'two-wheeler' has another device"):
+    with pytest.raises(TwinError, match="port E of 'two-wheeler' has a motor"):
         run(tmp_path, "", {"E": gauge()}, BenchBody(TWO_WHEELER))
     with pytest.raises(TwinError, match="an I2C device does not fit port A of the prime hub"):
         run(tmp_path, "", {"A": OwnI2c(3)})

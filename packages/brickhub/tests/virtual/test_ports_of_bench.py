@@ -4,6 +4,7 @@ them on a computer."""
 from __future__ import annotations
 
 import io
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,7 +17,7 @@ from brickhub.robot import HubKind, MotorKind, Sense, SensorKind
 from brickhub.virtual.bench_body import FittedBench, described_end_stops
 from brickhub.virtual.firmware.motor_model import MOTOR_TYPES
 from brickhub.virtual.firmware.servo import servo_settings
-from brickhub.virtual.given_readings import parse_device, parse_reading
+from brickhub.virtual.given_readings import parse_device, parse_end_stop, parse_reading
 from brickhub.virtual.machine import Machine
 from brickhub.virtual.run import Operation, run_file
 
@@ -122,6 +123,64 @@ def test_the_port_and_the_reading_there_must_suit_the_hub(tmp_path: Path) -> Non
         run(tmp_path, "from pybricks.hubs import PrimeHub", "A=ev3-large")
     with pytest.raises(TwinError, match="senses force"):
         run(tmp_path, "", "A=ForceSensor", readings=("A.ambient=20%",))
+
+
+EV3 = """
+from pybricks.ev3devices import ColorSensor, InfraredSensor, TouchSensor, UltrasonicSensor
+from pybricks.parameters import Port
+"""
+
+
+@pytest.mark.parametrize(
+    ("ports", "source", "printed"),
+    [
+        ("4=UltrasonicSensor", "print(UltrasonicSensor(Port.S4).distance())", "2550"),
+        ("S3=ColorSensor", "print(ColorSensor(Port.S3).reflection())", "0"),
+        ("1=touchsensor", "print(TouchSensor(Port.S1).pressed())", "False"),
+        ("4=InfraredSensor", "print(InfraredSensor(Port.S4).distance())", "100"),
+    ],
+)
+def test_a_class_is_that_of_the_hub(ports: str, source: str, printed: str, tmp_path: Path) -> None:
+    """Sensors of SPIKE and of EV3 have classes of one name."""
+    assert run(tmp_path, EV3 + source, ports) == f"{printed}\n"
+
+
+@pytest.mark.parametrize("reading", ["A=pressed", "D=200mm"])
+def test_a_reading_is_for_a_port_of_sensors(reading: str) -> None:
+    with pytest.raises(TwinError, match="of the ev3 hub takes no sensor; name one of 1, 2, 3, 4"):
+        FittedBench(HubKind.EV3, [parse_reading(reading)])
+    with pytest.raises(TwinError, match="of the move hub takes no sensor; name one of C, D"):
+        FittedBench(HubKind.MOVE, [parse_reading("A=red")])
+
+
+def test_starts_and_stops_are_for_ports_of_motors() -> None:
+    refusal = "port 4 of the ev3 hub takes no motor; name one of A, B, C, D"
+    with pytest.raises(TwinError, match=refusal):
+        FittedBench(HubKind.EV3, starts={"4": 20.0})
+    with pytest.raises(TwinError, match=refusal):
+        FittedBench(HubKind.EV3, end_stops=dict([parse_end_stop("S4=-10..20")]))
+
+
+@pytest.mark.parametrize(
+    ("reading", "source", "refusal"),
+    [
+        ("4=200mm", "InfraredSensor(Port.S4).distance()", "InfraredSensor on port S4 .* in %, not"),
+        ("4=40%", "UltrasonicSensor(Port.S4)", "UltrasonicSensor on port S4 .* in mm, not in %"),
+        ("1=50%", "TouchSensor(Port.S1)", "TouchSensor on port S1 has its force in N, not in %"),
+        ("3=200mm", "ColorSensor(Port.S3)", "the ColorSensor on port S3 senses surface or ambient"),
+    ],
+)
+def test_a_reading_in_another_unit_is_refused(
+    reading: str, source: str, refusal: str, tmp_path: Path
+) -> None:
+    assert re.search(f"TwinError: .*{refusal}", run(tmp_path, EV3 + source, readings=(reading,)))
+
+
+def test_a_line_of_a_file_in_another_unit_is_named(tmp_path: Path) -> None:
+    (tmp_path / "near.csv").write_text("0, 300\n1, 20%\n", encoding="utf-8")
+    given = parse_reading("4=@near.csv", tmp_path)
+    with pytest.raises(TwinError, match=r"near\.csv.*line 2: .* its distance in mm, not in %"):
+        given.sense_of("Ev3UltrasonicSensor")
 
 
 def test_a_reading_is_set_by_hand_while_a_program_runs(tmp_path: Path) -> None:

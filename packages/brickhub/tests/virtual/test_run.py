@@ -541,3 +541,13 @@ def test_an_interrupt_at_the_end_of_a_run_is_an_interrupt(monkeypatch: pytest.Mo
     with pytest.raises(KeyboardInterrupt), interruptible():
         monkeypatch.setattr(signal, "signal", interrupted)
     assert signal.getsignal(signal.SIGINT) is before
+
+
+def test_a_program_that_is_too_large_for_the_hub_is_refused(tmp_path: Path) -> None:
+    program = tmp_path / "main.py"
+    lines = [f"text_{n} = '{n:0200}'" for n in range(110)]
+    program.write_text("\n".join(["from pybricks.hubs import CityHub", *lines]), encoding="utf-8")
+    with pytest.raises(ProgramError, match="the program has .* bytes, the city hub takes 20480"):
+        run_file(program, stdout=io.BytesIO())
+    program.write_text("\n".join(["from pybricks.hubs import CityHub", *lines[:80]]))
+    assert run_file(program, stdout=io.BytesIO()) == 0

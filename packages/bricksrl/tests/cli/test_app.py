@@ -213,6 +213,11 @@ def test_missing_docstrings_print_one_line():
             "train RunAway-v0 --agnet sac",
             "Unrecognized options: --agnet, sac (did you mean --agent?)",
         ),
+        (
+            "train RunAway-v0 --robot ev3-driver",
+            "Unrecognized options: --robot, ev3-driver (say --option robot=NAME)",
+        ),
+        ("compare runs/a --robot ev3-driver", "Unrecognized options: --robot, ev3-driver"),
         ("trian", "there is no command trian (did you mean 'train'?)"),
         ("hub scna", "there is no command scna (did you mean 'scan'?)"),
         ("camera", "a command is missing; choose calibrate"),

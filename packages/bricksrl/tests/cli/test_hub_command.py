@@ -42,7 +42,7 @@ def test_surroundings_of_an_environment_are_not_dropped_where_several_share_a_wo
     path.write_text("print(1)")
     programs = ("hub", "run", str(path), str(path))
     says = (
-        "RunAway-v0 has surroundings, and robots that share a world stand on an open floor; name "
+        "RunAway-v0 has surroundings, and robots that share a world have one scene for all; name "
         "its robot alone: two-wheeler"
     )
     fails(*programs, "--robot", "scout", "--robot", "RunAway-v0", says=says)

@@ -3,6 +3,7 @@ work."""
 
 from __future__ import annotations
 
+import math
 import shutil
 from contextlib import closing
 from pathlib import Path
@@ -17,7 +18,9 @@ from brickhub.search.structure import source_by
 from brickhub.search.upright import upright
 from brickhub.user_files import load_object
 from bricksrl.agents import make_learner
+from bricksrl.agents.search.structures import make_structure
 from bricksrl.envs import get_task
+from bricksrl.envs.abilities import driving
 from bricksrl.envs.abilities.of_plans import offers
 from bricksrl.envs.env_checker import check_env
 from bricksrl.envs.registry import LABELS
@@ -87,6 +90,82 @@ def test_line_starts_where_the_sensor_is_over_its_edge():
     # Between the reflection of the line and that of the floor, which are 5 and 71 %.
     assert 8 < float(first[0]) < 68
     env.close()
+
+
+ROVER = EXAMPLES / "drawings" / "rover.ldr"
+
+
+def turned_round(tmp_path: Path) -> Path:
+    """The rover with its distance sensor on the other side, so that it drives the other way, and
+    its color sensor goes 16 mm behind its wheels."""
+    lines: list[str] = []
+    is_sensor = False
+    # Only a plan that says no ports is turned to where its robot drives.
+    for line in ROVER.read_text(encoding="utf-8").splitlines():
+        is_sensor = line.startswith("0 // Distance") or (is_sensor and line != "0 STEP")
+        words = line.split()
+        if "PORT" in words:
+            continue
+        if is_sensor and words[0] == "1":
+            # Half a turn about the vertical negates x and z, of the place and of each direction.
+            for place in (2, 4, 5, 6, 7, 11, 12, 13):
+                words[place] = f"{-float(words[place]):g}"
+        lines.append(" ".join(words))
+    path = tmp_path / "turned.ldr"
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize("is_turned", [False, True], ids=["ahead", "behind"])
+def test_a_line_is_followed_with_the_sensor_ahead_of_the_wheels(is_turned, tmp_path):
+    path = turned_round(tmp_path) if is_turned else ROVER
+    (offer,) = [one for one in offers(robot_as_drawn(path)) if one.ability.name == "line"]
+    assert offer.remark.startswith("backwards, as its color sensor is 16 mm behind") is is_turned
+    reference = f"{path}:line"
+    speed = get_task(reference).interface.commands[0]
+    assert (speed.low, speed.high) == ((-100, -40) if is_turned else (40, 100))
+    with closing(bricksrl.make(reference, seed=0)) as env:
+        learner = make_learner("gait", env, settings_for(reference, "default", "gait"))
+        learner.actor.best.copy_(torch.tensor([math.copysign(70.0, speed.low), 2.5, 0.6]))
+        on_its_hub(learner, env)
+        (score,) = play_episodes(env, learner.exploit, 1, seed=0)
+    assert score.success
+    # Faster is better in both directions, and the edge is as near.
+    assert score.return_ > 40.0
+
+
+def test_an_edge_is_followed_by_the_same_numbers_in_a_batch():
+    with closing(bricksrl.make("LineFollow-v0", seed=0)) as env:
+        structure = make_structure(env, "edge")
+    observed = torch.tensor([[60.0, 0.0], [20.0, -30.0], [38.0, 12.0]])
+    numbers = torch.tensor([55.0, 1.5, 0.5])
+    shares = structure(observed, numbers.expand(3, -1))
+    for seen, share in zip(observed.tolist(), shares, strict=True):
+        assert share.tolist() == pytest.approx(structure.single.act(seen, numbers.tolist()))
+
+
+def test_who_sees_no_line_follows_no_edge():
+    with (
+        closing(bricksrl.make("RunAway-v0", seed=0)) as env,
+        pytest.raises(DescriptionError, match="observes the reflection of a line first"),
+    ):
+        make_structure(env, "edge")
+
+
+@pytest.mark.parametrize(
+    ("ahead_mm", "says"),
+    [
+        (4.0, "hard, as its color sensor is 4 mm ahead of its wheels, where turns hardly move it"),
+        (30.0, ""),
+        (-30.0, "backwards, as its color sensor is 30 mm behind its wheels"),
+        (120.0, "hard, as its color sensor is 120 mm ahead of its wheels and 8 mm above the floor"),
+    ],
+)
+def test_what_the_place_of_a_sensor_makes_of_a_line_is_said_before(monkeypatch, ahead_mm, says):
+    monkeypatch.setattr(driving, "_place_mm", lambda drawn, sensor: (ahead_mm, 0.0, 8.0))
+    remark = driving.remark_on_line(robot_as_drawn(ROVER))
+    assert remark.startswith(says)
+    assert bool(remark) is bool(says)
 
 
 def test_runs_have_an_absolute_path_and_an_agent_that_suits(monkeypatch):

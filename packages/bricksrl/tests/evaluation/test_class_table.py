@@ -56,6 +56,15 @@ def test_seeds_give_an_interval_and_repeats_count_once(tmp_path: Path) -> None:
     assert "some were evaluated and some were not" in "\n".join(class_table(tmp_path).sentences)
 
 
+def test_returns_of_two_tasks_are_not_compared(tmp_path: Path) -> None:
+    pupil(tmp_path, "Anna", 0, [1.0])
+    said = "Returns of different tasks are not comparable"
+    assert not any(said in sentence for sentence in class_table(tmp_path).sentences)
+    spinning = TrainConfig(env="Spinning-v0", seed=0, name="Ben")
+    write_run(tmp_path / "Ben" / "runs" / "one", spinning, [5.0], 5.0)
+    assert any(said in sentence for sentence in class_table(tmp_path).sentences)
+
+
 def test_what_differs_is_said(tmp_path: Path) -> None:
     for seed in (0, 1):
         pupil(tmp_path, f"usual {seed}", seed, [1.0, 2.0])

@@ -193,15 +193,20 @@ def with_body(robot: Robot) -> Target:
     )
 
 
-def shared_world(named: Sequence[tuple[str, Target]]) -> ArenaWorld:
-    """The world that robots share: they stand side by side on an open floor, and look ahead.
+def shared_world(
+    named: Sequence[tuple[str, Target]],
+    scene: Scene = OPEN_FLOOR,
+) -> ArenaWorld:
+    """The world that robots share: they stand side by side, and look ahead.
 
     Args:
         named: targets, each with the name that a person gave.
+        scene: what is around them.
 
     Raises:
         DescriptionError: one is a bench, or has surroundings of its own.
-        TwinError: a robot has no model, or they have too many motors.
+        TwinError: a robot has no model, they have too many motors, or the scene is for one robot
+            alone or has no room for them.
     """
     # A program without a world needs no physics.
     import numpy as np
@@ -216,7 +221,7 @@ def shared_world(named: Sequence[tuple[str, Target]]) -> ArenaWorld:
             )
         if target.scene not in (None, OPEN_FLOOR):
             raise DescriptionError(_has_surroundings(name, target.robot))
-    world = ArenaWorld(side_by_side([target.robot for _, target in named]))
+    world = ArenaWorld(side_by_side([target.robot for _, target in named], scene))
     world.place(np.random.default_rng(0))
     return world
 
@@ -228,5 +233,5 @@ def _has_surroundings(name: str, robot: Robot) -> str:
     if robot in robots.ROBOTS.values():
         remedy = f"name its robot alone: {robot.name}"
     return (
-        f"{name} has surroundings, and robots that share a world stand on an open floor; {remedy}"
+        f"{name} has surroundings, and robots that share a world have one scene for all; {remedy}"
     )

@@ -294,7 +294,23 @@ def test_robots_of_several_programs_share_a_world(bricktwin, fails, tmp_path: Pa
     fails("run", *files, "--robot", "scout", says="there are 2 programs and 1 robot;")
     fails("run", *files, "--robot", "robo-arm", "--robot", "scout", says="stands on a fixed base")
     fails("run", files[0], *robots, says="--robot is named 2 times for one program")
-    fails("run", *files, *robots, "--scene", "maze", says="several hubs have no --scene")
+    fails("run", *files, "--scene", "maze", says="a scene of several hubs needs their robots")
+    fails("run", *files, *robots, "--scene", "wall", says="a wall before its sensor")
+
+
+def test_robots_of_several_programs_share_a_scene(bricktwin, tmp_path: Path) -> None:
+    files = []
+    for name, text in (("controller", CONTROLLER), ("driver", DRIVER)):
+        (tmp_path / f"{name}.py").write_text(text)
+        files.append(str(tmp_path / f"{name}.py"))
+    robots = ("--robot", "two-wheeler", "--robot", "scout")
+    done = bricktwin("run", *files, *robots, "--scene", "sumo")
+    (distance, signal), _ = (
+        line.removeprefix("controller: ").split() for line in done.out.splitlines()
+    )
+    # They look at each other, 340 mm apart, and the second one drives up to the first.
+    assert int(distance) < 300
+    assert -50 < int(signal) < -30
 
 
 def test_surroundings_of_a_robot_are_not_dropped_where_several_share_a_world(
@@ -303,7 +319,7 @@ def test_surroundings_of_a_robot_are_not_dropped_where_several_share_a_world(
     rover = tmp_path / "rover.py"
     rover.write_text(ROVER)
     robots = ("--robot", "scout", "--robot", str(rover))
-    says = f"{rover} has surroundings, and robots that share a world stand on an open floor"
+    says = f"{rover} has surroundings, and robots that share a world have one scene for all"
     fails("run", str(program), str(program), *robots, says=says)
 
 
@@ -351,3 +367,49 @@ def test_devices_of_ones_own_measure_a_robot_with_a_body(
     for robot in ("two-wheeler", make_body(TWO_WHEELER)):
         run = pybricks_hub.run(MEASURED, robot=robot, own_devices=devices)
         assert (run.output, run.errors) == (expected, "")
+
+
+BY_I2C = """
+from brickhub.virtual.own_devices import OwnI2c
+
+def compass(robot):
+    def read(register, length, time_s):
+        # Two bytes at 0x42, as the HiTechnic compass has them: half of the heading, and the rest.
+        half, rest = divmod(round(robot.heading_deg()) % 360, 2)
+        return bytes([half, rest])[:length] if register == 0x42 else bytes(length)
+    return OwnI2c(0x01, read)
+"""
+TURNS_BY_I2C = """
+from pybricks.ev3devices import Motor, TouchSensor, UltrasonicSensor
+from pybricks.iodevices import I2CDevice
+from pybricks.parameters import Port
+from pybricks.robotics import DriveBase
+compass = I2CDevice(Port.S1, 0x01)
+base = DriveBase(Motor(Port.B), Motor(Port.C), 56, 120)
+
+def heading():
+    half, rest = compass.read(0x42, 2)
+    return 2 * half + rest
+
+print(heading())
+base.turn(90)
+print(abs(heading() - 90) < 10, UltrasonicSensor(Port.S4).distance() > 0)
+try:
+    TouchSensor(Port.S1)
+except OSError as error:
+    print(error.args[0])
+"""
+
+
+def test_an_i2c_device_of_ones_own_takes_the_place_of_a_sensor_of_a_robot_with_a_body(
+    bricktwin, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("own.py").write_text(BY_I2C)
+    Path("main.py").write_text(TURNS_BY_I2C)
+    robot = ("--robot", "ev3-driver")
+    done = bricktwin("run", "main.py", *robot, "--port", "S1=own.py:compass")
+    assert done == (0, "0\nTrue True\n19\n", "")
+    done = bricktwin("run", "main.py", *robot, "--port", "B=own.py:compass")
+    assert done.code == 2
+    assert "port B of 'ev3-driver' has a motor; plug your device into another port" in done.err

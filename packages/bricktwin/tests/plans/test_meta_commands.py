@@ -8,6 +8,7 @@ import pytest
 from plan_lines import BEAM, pin, plan_of
 
 from brickhub.errors import PlanError
+from bricktwin.plans.check import check
 from bricktwin.plans.meta_commands import META_COMMANDS, SYNTH_KINDS, Meaning
 
 PAGE = Path(__file__).parents[4] / "docs" / "plans.md"
@@ -153,7 +154,20 @@ def test_band_of_links_is_its_links(name: str) -> None:
     plan = plan_of(BEAM, f"0 SYNTH BEGIN {name} 0", DRAWING[0], *links, DRAWING[2], "0 SYNTH END")
     assert [placed.part.number for placed in plan.parts] == ["32316", *["3711"] * 6]
     assert plan.drawn == ()
-    assert plan_of(BEAM, f"0 SYNTH BEGIN {name} 0", "0 SYNTH END").drawn == (2,)  # not drawn yet
+    assert plan.undrawn == ()
+
+
+@pytest.mark.parametrize("name", SYNTH_KINDS)
+def test_links_that_lsynth_has_not_drawn_are_said_to_be_missing(name: str) -> None:
+    plan = plan_of(BEAM, f"0 SYNTH BEGIN {name} 0", "0 SYNTH END")
+    assert plan.drawn == (2,)
+    # A band of rubber is one piece, drawn or not.
+    expected = [2] if SYNTH_KINDS[name].is_of_parts else []
+    assert [lack.line for lack in plan.undrawn] == expected
+    found = [finding for finding in check(plan) if finding.name == "not drawn"]
+    assert [finding.line for finding in found] == expected
+    for finding in found:
+        assert f"the parts of this {name.lower()} yet" in finding.detail
 
 
 @pytest.mark.parametrize(

@@ -119,8 +119,13 @@ def test_what_has_no_twin_is_named(tmp_path):
     path = as_strangers_draw(tmp_path, "two_wheeler")
     lines = path.read_text(encoding="utf-8").splitlines()
     gears = [f"1 7 {x} -200 0 1 0 0 0 1 0 0 0 1 3648b.dat" for x in (0, 64)]
-    lines[2:2] = [*gears, "1 7 0 -300 0 1 0 0 0 1 0 0 0 1 54321.dat"]
+    chain = ["0 SYNTH BEGIN TECHNIC_CHAIN_LINK 0", "0 SYNTH END"]
+    unknown_part = "1 7 0 -300 0 1 0 0 0 1 0 0 0 1 54321.dat"
+    tread = "1 0 0 -400 0 1 0 0 0 1 0 0 0 1 3873.dat"
+    lines[2:2] = [*gears, unknown_part, *chain, tread]
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
-    unknown, gears_apart = robot_as_drawn(path).lacks
+    unknown, undrawn, treads, gears_apart = robot_as_drawn(path).lacks
+    assert undrawn.startswith("line 6: LSynth has not drawn the parts of this technic_chain_link")
+    assert treads.startswith("line 8: Chain link with a tread (3873) turns gears, but drives no")
     assert "part 54321 is not in the catalogue" in unknown
     assert "as they are 1.6 mm too far apart; move one" in gears_apart

@@ -34,6 +34,7 @@ class PlayedPage:
     Attributes:
         events: what it was sent.
         on_event: called with each of them.
+        is_mute: whether writes have no answer any more, as of a browser whose promise stays open.
     """
 
     def __init__(self, robot: Robot, body: Body | None = None) -> None:
@@ -41,6 +42,7 @@ class PlayedPage:
         self.hub.page = self
         self.events: list[dict[str, Any]] = []
         self.on_event: Callable[[dict[str, Any]], None] = lambda _: None
+        self.is_mute = False
         self._changed = threading.Condition()
         self._messages: list[dict[str, Any]] = []
         self._loop = self.hub.loop = asyncio.new_event_loop()
@@ -112,7 +114,8 @@ class PlayedPage:
             answer.update(await self._done(operation, characteristic, data))
         except GattError as error:
             answer.update(error=str(error), message="GATT operation failed for unknown reason.")
-        self.put(answer)
+        if not (self.is_mute and operation == "write"):
+            self.put(answer)
 
     async def _done(self, operation: str, characteristic: str, data: bytes) -> dict[str, Any]:
         hub = self.hub

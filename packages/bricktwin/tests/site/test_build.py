@@ -93,6 +93,7 @@ def test_policies_are_offered(tmp_path: Path) -> None:
         "robot": "walker",
         "world": "",
         "partner": "",
+        "files": {},
     }
 
 

@@ -144,6 +144,20 @@ def test_buttons_are_held_as_long_as_the_finger(page: Page) -> None:
     assert page.text_content("#console") == "let go\n"
 
 
+def test_a_program_of_ev3_shows_a_brick_whose_buttons_lie_as_on_one(page: Page) -> None:
+    open_program(page, "from pybricks.ev3devices import Motor\n")
+    assert page.text_content("#hub .kind") == "EV3Brick"
+    boxes = {}
+    for button in ("left_up", "up", "left", "center", "right", "down"):
+        box = page.locator(f'#hub [data-button="{button}"]').bounding_box()
+        assert box is not None, button
+        boxes[button] = box
+    assert boxes["up"]["y"] < boxes["center"]["y"] < boxes["down"]["y"]
+    assert boxes["left"]["x"] < boxes["center"]["x"] < boxes["right"]["x"]
+    stopping = page.locator('#hub [aria-label$="which stops the program"]:visible')
+    assert stopping.get_attribute("data-button") == "left_up"
+
+
 def test_page_and_worker_share_memory_on_a_plain_file_server(page: Page) -> None:
     assert page.evaluate("crossOriginIsolated")
 

@@ -13,6 +13,7 @@ from brickhub.virtual.body import Body
 from brickhub.virtual.run import Operation, run_file
 from bricktwin.robots import ROBOTS
 from bricktwin.site import build
+from bricktwin.site.tab.run import own_devices
 from bricktwin.twin.make_body import make_body
 from bricktwin.twin.mujoco_body import MujocoBody
 from bricktwin.twin.scene import OPEN_FLOOR
@@ -32,8 +33,12 @@ def run(
     tmp_path: Path, name: str, limit_s: float, body: Body | None = None, **operation: object
 ) -> tuple[str, str]:
     path, out, err = tmp_path / name, io.BytesIO(), io.StringIO()
-    path.write_text(PROGRAMS[name]["source"], encoding="utf-8")
-    done = Operation(**operation)  # type: ignore[arg-type]
+    for file, source in {name: PROGRAMS[name]["source"], **PROGRAMS[name]["files"]}.items():
+        (tmp_path / file).write_text(source, encoding="utf-8")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("bricktwin.site.tab.run.FOLDER", tmp_path)
+        own = own_devices(PROGRAMS[name]["source"], PROGRAMS[name]["files"])
+    done = Operation(own_devices=own, **operation)  # type: ignore[arg-type]
     run_file(path, body, stdout=out, stderr=err, time_limit_s=limit_s, operation=done)
     return out.getvalue().decode(), err.getvalue()
 

@@ -53,7 +53,11 @@ class Tab:
         return self.do("run", files={"main.py": source}, name="main.py", stdin=stdin)
 
     def teach(
-        self, trials: int, goal: str = "walk", numbers: tuple[float, ...] | None = None
+        self,
+        trials: int,
+        goal: str = "walk",
+        numbers: tuple[float, ...] | None = None,
+        state: dict[str, Any] | None = None,
     ) -> int:
         lesson = HUB_LESSONS[goal](self.robot).lesson
         program = generate_trials(
@@ -63,7 +67,7 @@ class Tab:
             lesson.structure.hub_source(),
         )
         self.hub.library.append(program.source)
-        request = {"goal": goal, "seed": 3, "state": None, "numbers": numbers}
+        request = {"goal": goal, "seed": 3, "state": state, "numbers": numbers}
         return self.do("teach", trials=trials, **request)
 
     def press(self, wish: str) -> None:
@@ -141,6 +145,39 @@ def test_a_lost_link_is_told_and_the_hub_is_found_again(tab: Tab) -> None:
     assert tab.run("print('again')\n") == 0
 
 
+def test_a_write_without_an_answer_ends_with_the_link(tab: Tab) -> None:
+    """A browser's promise may stay open for ever when the link is lost."""
+    tab.do("connect")
+    tab.page.is_mute = True
+    tab.page.later(0.5, lambda: tab.hub.submit(tab.hub.lose()))
+    begin_s = time.monotonic()
+    assert tab.run("print('never')\n") == LOST_EXIT_CODE
+    assert time.monotonic() - begin_s < 1.5
+    assert "the link to the hub is lost" in tab.page.text("err")
+    tab.page.is_mute = False
+    assert tab.run("print('again')\n") == 0
+
+
+def test_a_trial_whose_write_has_no_answer_is_tried_again(
+    walker: Tab, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from brickhub.hub.program import generate
+
+    monkeypatch.setattr(generate, "END_MS", 500)
+    walker.do("connect")
+
+    def lose() -> None:
+        walker.page.is_mute = True
+        walker.hub.submit(walker.hub.lose())
+        time.sleep(0.3)
+        walker.page.is_mute = False
+
+    # In the first try, and where the next one is asked for.
+    walker.page.later(0.8, lose)
+    assert walker.teach(1) == 0
+    assert len(walker.page.of("trial")) == 1 and walker.hub.connections == 2
+
+
 def test_refused_writes_are_tried_again_and_a_battery_that_falls_is_told(tab: Tab) -> None:
     tab.do("connect")
     tab.hub.refusals = 3
@@ -162,6 +199,16 @@ def test_a_robot_is_taught_and_measures_by_itself(walker: Tab) -> None:
     assert len(second["state"]["scores"]) == 2
     assert "NUMBERS = (" in first["source"]
     assert not walker.hub.is_running and not walker.hub.is_driven
+
+
+def test_a_search_goes_on_where_it_was(walker: Tab) -> None:
+    walker.teach(1)
+    (first,) = walker.page.of("trial")
+    walker.teach(1, state=first["state"])
+    *_, second = walker.page.of("trial")
+    assert second["state"]["scores"][:1] == first["state"]["scores"]
+    assert len(second["state"]["scores"]) == 2
+    assert second["numbers"] != first["numbers"]
 
 
 def test_a_trial_whose_link_is_lost_is_tried_again(

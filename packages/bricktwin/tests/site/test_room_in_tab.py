@@ -3,26 +3,38 @@ programs in one thread, as ``brickhub run left.py right.py`` runs them."""
 
 from __future__ import annotations
 
+import functools
 import io
 import json
 import queue
 import threading
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
+import mujoco
+import numpy as np
 import pytest
 
 from benchmarks import tab_motion
+from brickhub.errors import TwinError
+from brickhub.robot import Robot
 from brickhub.virtual.machine import Machine
 from brickhub.virtual.room import HubProgramFile, Room
 from brickhub.virtual.run import Operation, ProgramStopped, run_file
-from bricktwin.robots import SCOUT, TWO_WHEELER
-from bricktwin.site.robot_files import together_file
+from bricktwin.robots import SCOUT, TWO_WHEELER, WALKER
+from bricktwin.site.robot_files import sharing_file, world_file
 from bricktwin.site.robots import _can_share
+from bricktwin.site.tab.robot_file import put_together_text
 from bricktwin.site.tab.room import RoomHand, Seat, ToldBody, shared_world
-from bricktwin.twin.arena import SharedWorld
+from bricktwin.twin.arena import SharedWorld, side_by_side
+from bricktwin.twin.models.shared_scene import shared_scene, starts_in
+from bricktwin.twin.mujoco_arena import arena_model
+from bricktwin.twin.objects import Wall
+from bricktwin.twin.scene import OPEN_FLOOR, Scene
+from bricktwin.worlds import world as worlds_by_name
 
 RADIO = "from pybricks.messaging import BLERadio\nfrom pybricks.tools import StopWatch, wait\n"
 SENDER = f"""{RADIO}
@@ -169,29 +181,102 @@ def test_benches_print_what_they_print_in_one_thread(tmp_path: Path) -> None:
     assert errs[1].startswith("b: Traceback")
 
 
-FILE: dict[str, Any] = {}
+@functools.cache
+def part_of(described: Robot | Scene) -> str:
+    """File of a robot or of a scene, as the tab reads it."""
+    file = sharing_file(described) if isinstance(described, Robot) else world_file(described)
+    return json.dumps(file, allow_nan=False)
 
 
-def world(order: tuple[int, ...]) -> SharedWorld[ToldBody]:
-    if not FILE:
-        FILE.update(json.loads(json.dumps(together_file((TWO_WHEELER, SCOUT)), allow_nan=False)))
-    return shared_world(FILE, order, tab_motion.engine_of(json.dumps(FILE)))
+def file_of(robots: tuple[Robot, ...], scene: Scene) -> dict[str, Any]:
+    """File of robots that share a scene, as the tab puts it together."""
+    parts = f"[{','.join(map(part_of, robots))}]"
+    file: dict[str, Any] = json.loads(put_together_text(parts, part_of(shared_scene(scene))))
+    return file
 
 
-@pytest.mark.parametrize("order", [(0, 1), (1, 0)])
-def test_worlds_of_all_workers_are_the_same(tmp_path: Path, order: tuple[int, ...]) -> None:
+def world(
+    robots: tuple[Robot, ...] = (TWO_WHEELER, SCOUT), scene: Scene = OPEN_FLOOR
+) -> SharedWorld[ToldBody]:
+    file = file_of(robots, scene)
+    return shared_world(file, tab_motion.engine_of(json.dumps(file)))
+
+
+@pytest.mark.parametrize("robots", [(TWO_WHEELER, SCOUT), (SCOUT, TWO_WHEELER)])
+def test_worlds_of_all_workers_are_the_same(tmp_path: Path, robots: tuple[Robot, ...]) -> None:
     paths = written(tmp_path, DRIVER, FOLLOWER)
-    worlds = [world(order), world(order)]
-    one = world(order)
+    worlds = [world(robots), world(robots)]
+    one = world(robots)
     assert in_threads(paths, worlds) == in_one(paths, one)
     # The world ends with the last of its hubs, in its own worker.
     assert list(worlds[0].engine.qpos) == list(one.engine.qpos)
 
 
+def test_three_robots_share_a_field_with_a_ball(tmp_path: Path) -> None:
+    paths = written(tmp_path, DRIVER, FOLLOWER, FOLLOWER)
+    robots = (TWO_WHEELER, SCOUT, TWO_WHEELER)
+    field = worlds_by_name("football")
+    worlds = [world(robots, field) for _ in robots]
+    one = world(robots, field)
+    codes, outs, errs = in_threads(paths, worlds)
+    assert (codes, outs, errs) == in_one(paths, one)
+    assert codes == [0, 0, 0] and outs[1] != outs[2]
+    assert list(worlds[0].engine.qpos) == list(one.engine.qpos)
+
+
+@pytest.mark.parametrize(
+    ("robots", "name"),
+    [((SCOUT, WALKER, TWO_WHEELER), "football"), ((WALKER,) * 4, "maze")],
+)
+def test_what_a_tab_puts_together_is_the_model_of_a_computer(
+    robots: tuple[Robot, ...], name: str
+) -> None:
+    """In all numbers of the physics; what MuJoCo derives differs in the last digits."""
+    scene = worlds_by_name(name)
+    made = tab_motion.engine_of(json.dumps(file_of(robots, scene))).model
+    model = arena_model(side_by_side(robots, scene))
+    assert made.opt.jacobian == model.opt.jacobian
+    compared = 0
+    for field in dir(model):
+        values = getattr(model, field)
+        # Geometries are fewer: what is only to be seen is left out.
+        kinds = ("body_", "jnt_", "dof_", "site_", "actuator_", "qpos", "tendon_", "sensor_")
+        if field.startswith(kinds) and not field.startswith(("body_geom", "body_bvh")):
+            np.testing.assert_allclose(getattr(made, field), values, rtol=1e-9, err_msg=field)
+            compared += 1
+    assert compared > 100
+    for kind in (mujoco.mjtObj.mjOBJ_BODY, mujoco.mjtObj.mjOBJ_ACTUATOR):
+        for number in range(model.nu):
+            names = [mujoco.mj_id2name(one, kind, number) for one in (made, model)]
+            assert names[0] == names[1]
+    # What collides with what.
+    touched = {}
+    for one in (made, model):
+        bits = [*zip(one.geom_bodyid, one.geom_contype, one.geom_conaffinity, strict=True)]
+        touched[one is made] = sorted(map(tuple, (bit for bit in bits if bit[1] or bit[2])))
+    assert str(touched[True]) == str(touched[False])
+
+
+def test_a_scene_for_one_robot_alone_is_not_shared() -> None:
+    with pytest.raises(TwinError, match=r"a wall before its sensor .* is for one robot alone"):
+        side_by_side((SCOUT, SCOUT), worlds_by_name("wall"))
+    narrow = Scene(objects=tuple(Wall((x, -300), (x, 300)) for x in (-250, 250)))
+    closed = tuple(Wall((-250, y), (250, y)) for y in (-300, 300))
+    with pytest.raises(TwinError, match="there is no room for 2 robots"):
+        starts_in(replace(narrow, objects=narrow.objects + closed), 2)
+
+
+def test_a_second_robot_takes_the_place_of_the_opponent() -> None:
+    shared = world((SCOUT, SCOUT), worlds_by_name("sumo"))
+    places = [(pose.x_m, abs(pose.heading_deg)) for pose in shared.poses()]
+    assert places == [pytest.approx((-0.17, 0), abs=0.01), pytest.approx((0.17, 180), abs=0.01)]
+    assert shared.arena.scene.pushable == {}
+
+
 def test_what_the_page_pulls_is_pulled_in_all_worlds(tmp_path: Path) -> None:
     waits = f"{RADIO}wait(400)\n"
     paths = written(tmp_path, waits, waits)
-    worlds = [world((0, 1)), world((0, 1))]
+    worlds = [world(), world()]
     start_m = worlds[0].bodies[1].pose().x_m
 
     class Pulls:
@@ -247,3 +332,9 @@ def test_who_can_share_a_world() -> None:
 
     robots = (TWO_WHEELER, SCOUT, WALKER, EV3_DRIVER, ROBO_ARM, CART)
     assert [robot for robot in robots if _can_share(robot)] == [TWO_WHEELER, SCOUT, WALKER]
+
+
+@pytest.mark.parametrize("start", [(1, 2), (1, 2, "north"), 3, (0, 0, float("nan"))])
+def test_a_start_of_another_robot_is_a_place_and_a_heading(start: Any) -> None:
+    with pytest.raises(TwinError, match="scene: another robot starts at .*; give x, y"):
+        Scene(others_start=(start,))

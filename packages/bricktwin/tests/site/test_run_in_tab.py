@@ -189,3 +189,37 @@ def test_a_stream_of_the_program_tells_the_page_and_says_how_much_it_took() -> N
     assert out.write(b"ab\xff") == 3 and err.write("größe") == 5
     print("a", 1, file=err)
     assert told == [("out", "ab\xff"), ("err", "größe"), *(("err", part) for part in "a 1\n")]
+
+
+GAUGE = """from brickhub.virtual.own_devices import OwnDevice, OwnMode
+GAUGE = OwnDevice(200, (OwnMode("LEVEL", lambda time_s: [{level}]),))
+"""
+MEASURES = """# Port: A=gauge.py:GAUGE
+from pybricks.iodevices import PUPDevice
+from pybricks.parameters import Port
+print(PUPDevice(Port.A).read(0))
+"""
+
+
+def test_a_device_of_ones_own_is_another_file_of_the_page() -> None:
+    for level in ("7", "8"):
+        page = PlayedPage()
+        files = {"main.py": MEASURES, "gauge.py": GAUGE.format(level=level)}
+        assert run_source(page, MEASURES, files=files) == 0
+        assert page.text("out") == f"({level},)\n", "as it is now"
+
+
+@pytest.mark.parametrize(
+    ("gauge", "says"),
+    [
+        (None, "names a file that is not on this page; open gauge.py, or write it"),
+        ("1 / 0\n", "gauge.py:GAUGE cannot be loaded (ZeroDivisionError: "),
+        (GAUGE.format(level="1 / 0"), "the function of mode LEVEL failed (ZeroDivisionError: "),
+        ("GAUGE = 3\n", "gauge.py:GAUGE is no OwnDevice, OwnUart or OwnI2c; name one"),
+    ],
+)
+def test_what_is_wrong_with_a_device_of_ones_own_is_said(gauge: str | None, says: str) -> None:
+    page = PlayedPage()
+    files = {"main.py": MEASURES} | ({} if gauge is None else {"gauge.py": gauge})
+    assert run_source(page, MEASURES, files=files) != 0
+    assert says in page.text("err")

@@ -8,7 +8,7 @@ import os
 import re
 import sys
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import redirect_stderr
+from contextlib import redirect_stderr, redirect_stdout, suppress
 from dataclasses import dataclass, field
 from functools import cache
 from inspect import cleandoc
@@ -38,6 +38,7 @@ class CommandLine:
             command is named.
         groups: help and commands of each group of commands.
         spelling: beginnings of example lines in the help, and what they are in this program.
+        instead: options of some commands, such as ``--robot``, and how others say that.
     """
 
     prog: str
@@ -46,6 +47,7 @@ class CommandLine:
     commands: Mapping[str, str]
     groups: Mapping[str, tuple[str, Mapping[str, str]]] = field(default_factory=dict)
     spelling: Mapping[str, str] = field(default_factory=dict)
+    instead: Mapping[str, str] = field(default_factory=dict)
 
 
 class ParsedCommand(Protocol):
@@ -186,7 +188,8 @@ def parse(line: CommandLine, arguments: Sequence[str]) -> ParsedCommand:
     except SystemExit as end:
         if end.code:
             command = " ".join([line.prog, *words])
-            print_error(one_line(messages.getvalue(), command))
+            box = messages.getvalue()
+            print_error(one_line(box, command, _instead(line, words, box)))
         raise
     return cast(ParsedCommand, parsed)
 
@@ -341,6 +344,7 @@ def command_words(line: CommandLine, arguments: Sequence[str]) -> list[str]:
 
 _SUGGESTS = "Perhaps you meant: "
 """Words of the parser before the option that is most like an unknown one."""
+_UNKNOWN = re.compile(r"Unrecognized options: (--[\w-]+)")
 _NEEDED = {
     "invalid literal for int()": "a whole number",
     "could not convert string to float": "a number",
@@ -366,10 +370,32 @@ _GIVEN_AS_OPTION = re.compile(r"Missing value for argument '(\w+)'.*")
 """An argument that was written as an option: only an argument's name has no dashes."""
 
 
-def one_line(box: str, command: str = "bricksrl") -> str:
-    """One line from the parser's boxed message: its first paragraph, what it suggests, and the
-    command with the help. The box is drawn with hyphens if the console has no line-drawing
-    characters."""
+def _instead(
+    line: CommandLine,
+    words: Sequence[str],
+    box: str,
+) -> str:
+    """How a command says what an unknown option in the parser's message means; empty if unknown."""
+    unknown = _UNKNOWN.search(box)
+    instead = line.instead.get(unknown[1]) if unknown else None
+    if instead is None:
+        return ""
+    listed = io.StringIO()
+    with redirect_stdout(listed), suppress(SystemExit):
+        _parse(line, words, ["--help"])
+    option = instead.split()[0]
+    # Not every command has that option.
+    return instead if f"{option} " in listed.getvalue() else ""
+
+
+def one_line(
+    box: str,
+    command: str = "bricksrl",
+    instead: str = "",
+) -> str:
+    """One line from the parser's boxed message: its first paragraph, what it suggests (or
+    ``instead`` of that), and the command with the help. The box is drawn with hyphens if the
+    console has no line-drawing characters."""
     # The first line is the upper edge with the title. Rules inside of the box become empty lines.
     rows = box.splitlines()[1:]
     inner = [row.strip("│╭╮╰╯─ ") for row in rows]
@@ -388,6 +414,8 @@ def one_line(box: str, command: str = "bricksrl") -> str:
             suggestion = f" (did you mean {option}?)"
             # Further suggestions are less similar than the first one.
             break
+    if instead:
+        suggestion = f" (say {instead})"
     return f"{_plain(message.removesuffix('.'))}{suggestion}; see `{command} --help`"
 
 

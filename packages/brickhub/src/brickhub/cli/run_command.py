@@ -327,7 +327,7 @@ class Run:
     ) -> Operation:
         """The deeds of a person, and the end stops if there is no body that has them."""
         from brickhub.cli.key_listener import can_listen, keys_heard
-        from brickhub.cli.own_device import is_own_device, load_own_device
+        from brickhub.user_devices import is_own_device, load_own_device
         from brickhub.virtual.given_readings import (
             by_port,
             parse_device,

@@ -146,6 +146,13 @@ class HubModel:
         """Names of the ports that take motors."""
         return "".join(port for port in self.ports if port not in self.sensor_ports)
 
+    @property
+    def ports_for_sensors(self) -> str:
+        """Names of the ports that take sensors."""
+        return self.sensor_ports or "".join(
+            port for port in self.ports if port not in self.own_motors
+        )
+
     def takes(self, device: "MotorModel | SensorModel") -> str:
         """Names of the ports that a motor or sensor fits; empty for one with another plug."""
         if device.module != self.devices:

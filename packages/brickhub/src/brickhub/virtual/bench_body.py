@@ -243,6 +243,30 @@ def _readings_by_sense(
     return {inputs[name]: reading for name, reading in readings.items()}
 
 
+def _of_its_family(kind: SensorKind, hub: AnyHub) -> SensorKind:
+    """The kind of a sensor that a hub takes under the class of another one: who writes a class
+    means that of the program. The same kind if there is none."""
+    for other in SensorKind:
+        if other.model.class_name == kind.model.class_name and hub.model.takes(other.model):
+            return other
+    return kind
+
+
+def _check_ports(
+    hub: AnyHub,
+    device: str,
+    fitting: str,
+    named: Iterable[str],
+) -> None:
+    """Raises TwinError if something is said of a device on a port that never has one."""
+    for port in named:
+        if port not in fitting:
+            raise TwinError(
+                f"port {port} of the {hub.value} hub takes no {device}; name one of "
+                f"{', '.join(fitting)}"
+            )
+
+
 class FittedBench(BenchBody):
     """A hub without devices until a program uses some, as the hub tells it; motors turn freely,
     sensors have given readings.
@@ -292,6 +316,8 @@ class FittedBench(BenchBody):
                 raise TwinError(
                     f"the {hub.value} hub has no port {port}; it has {', '.join(hub.model.ports)}"
                 )
+        _check_ports(hub, "sensor", hub.model.ports_for_sensors, self._given_readings)
+        _check_ports(hub, "motor", hub.model.motor_ports, (*self._stops, *starts))
         for port, start_deg in starts.items():
             low, high = self._stops.get(port, (start_deg, start_deg))
             if not low <= start_deg <= high:
@@ -308,6 +334,8 @@ class FittedBench(BenchBody):
                 )
             if kind is None:
                 continue
+            if isinstance(kind, SensorKind):
+                kind = _of_its_family(kind, hub)
             if port not in hub.model.takes(kind.model):
                 raise TwinError(
                     f"{an(kind.value)} does not fit port {port} of the {hub.value} hub; say what "

@@ -12,13 +12,16 @@ from typing import TypeVar
 
 from brickhub.errors import DescriptionError, TwinError
 from brickhub.robot import MotorKind, Robot, Sense, SensorKind
+from brickhub.robot.hardware import SensorModel, port_name
 from brickhub.virtual.readings_file import Row, read_rows
 from brickhub.virtual.stimuli import COLORS, Sensed
 
 _ALSO_MEANT = {Sense.TILT: Sense.ROTATION}
 """Of a gyroscope, degrees are a rotation."""
 _BUTTON_FORCES_N: Mapping[str, float] = {"pressed": 10.0, "released": 0.0}
-_UNIT_SENSES = {"mm": Sense.DISTANCE, "n": Sense.FORCE, "deg": Sense.TILT}
+_UNIT_SENSES = {"mm": Sense.DISTANCE, "N": Sense.FORCE, "deg": Sense.TILT}
+_UNIT_NAMES = {"n": "N"}
+"""Units that have capital letters; texts are read in small ones."""
 _EXAMPLES = (
     "B=red, B=120,80,50 (hue, saturation, value), B=40%, B=200mm, B=3N, B=pressed, "
     "B=10,-5deg (pitch, roll), B=@file"
@@ -36,11 +39,12 @@ _VALUE_COUNTS = {
     Sense.BEACON: (2,),
 }
 """Numbers of values that a stimulus can have; one for other senses."""
+_PERCENT_SENSES = (Sense.SURFACE, Sense.AMBIENT, Sense.BEACON)
 _PORT = "[A-Fa-f]|[Ss]?[1-4]"
 _READING = re.compile(rf"({_PORT})(?:\.([a-z]+))?=(.+)")
 _OTHER_UNIT = re.compile(r"[-+.\d,\s]*\d\s*([^\W\d]+)")
 _NUMBERS = re.compile(r"([-+.\d,\s]+?)\s*(mm|%|n|deg)?")
-_END_STOP = re.compile(r"([A-Fa-f])=(-?[\d.]+)\.\.(-?[\d.]+)")
+_END_STOP = re.compile(rf"({_PORT})=(-?[\d.]+)\.\.(-?[\d.]+)")
 
 
 T = TypeVar("T")
@@ -55,6 +59,7 @@ class GivenReading:
         sense: what is sensed; ``None`` for the sensor's first sense.
         times_s: simulated seconds, ascending, from which each value holds; the first also before.
         values: one per time.
+        units: of each value, such as ``mm``; empty for one that is written without.
         places: where each value is written, for messages; empty for one on the command line.
         hint: what may be meant by several numbers where one is sensed, for messages.
     """
@@ -63,6 +68,7 @@ class GivenReading:
     sense: Sense | None
     times_s: tuple[float, ...]
     values: tuple[Sensed, ...]
+    units: tuple[str, ...] = ()
     places: tuple[str, ...] = ()
     hint: str = ""
 
@@ -75,7 +81,9 @@ class GivenReading:
     def sense_of(self, device: str) -> Sense:
         """Sense of a device, the name of a kind of sensor, that these values are for. Raises
         TwinError if it has no such sense, or if the values do not suit that."""
-        available = SensorKind(device).model.senses
+        model = SensorKind(device).model
+        available = model.senses
+        subject = f"the {model.class_name} on port {port_name(self.port)}"
         sense = self.sense
         if sense in _ALSO_MEANT and _ALSO_MEANT[sense] in available:
             sense = _ALSO_MEANT[sense]
@@ -84,8 +92,7 @@ class GivenReading:
             sense = available[0]
         if sense not in available:
             names = " or ".join(available) or "nothing"
-            what = f"the {device} on port {self.port} senses {names}"
-            raise TwinError(f"{what}, not {sense}; give such a reading")
+            raise TwinError(f"{subject} senses {names}, not {sense}; give such a reading")
         # Only the device tells what a reading without a sense is for, so values are counted here.
         counts = _VALUE_COUNTS.get(sense, (1,))
         for index, value in enumerate(self.values):
@@ -99,9 +106,27 @@ class GivenReading:
                 place = self.places[index]
                 if count > 1:
                     place += self.hint
-            what = f"{value} is not a {sense} for the {device} on port {self.port}"
+            what = f"{value} is not a {sense} for {subject}"
             raise TwinError(f"{place}: {what}; give one such as {examples}")
+        for index, unit in enumerate(self.units):
+            usual = _unit_of(sense, model)
+            if unit in ("", usual):
+                continue
+            place = self.places[index] if self.places else f"--reading {self.port}"
+            wanted = f"in {usual}" if usual else "without a unit"
+            raise TwinError(f"{place}: {subject} has its {sense} {wanted}, not in {unit}")
         return sense
+
+
+def _unit_of(sense: Sense, model: SensorModel) -> str:
+    """Unit in which a sensor of that kind senses, as a reading has it; empty for none."""
+    if sense is Sense.DISTANCE:
+        return "mm" if model.range_mm else "%"
+    if sense in _PERCENT_SENSES:
+        return "%"
+    if sense is Sense.FORCE:
+        return "N"
+    return "" if sense is Sense.COUNT else "deg"
 
 
 def parse_reading(text: str, folder: Path = Path()) -> GivenReading:
@@ -118,24 +143,26 @@ def parse_reading(text: str, folder: Path = Path()) -> GivenReading:
         raise TwinError(f"'{text}': nothing senses '{name}'; choose from {known}")
     sense = Sense(name) if name else None
     if not value.startswith("@"):
-        stimulus, unit_sense = _value(value, text)
+        stimulus, unit = _value(value, text)
         return GivenReading(
             port,
-            sense or unit_sense,
+            sense or _sense_told_by(value, unit),
             (0.0,),
             (stimulus,),
+            (unit,),
         )
     # Each line of a file may have its own unit or none, so the units do not tell its sense.
     file_name = value.removeprefix("@")
     rows = read_rows(folder / file_name)
     times_s = tuple(row.time_s for row in rows)
-    values = tuple(_value_of_row(row) for row in rows)
+    values, units = zip(*map(_value_of_row, rows), strict=True)
     places = tuple(row.place for row in rows)
     return GivenReading(
         port,
         sense,
         times_s,
         values,
+        units,
         places,
         _hint_of(rows[0]),
     )
@@ -156,25 +183,24 @@ def _no_reading(text: str, examples: str = _EXAMPLES) -> TwinError:
     return TwinError(f"'{text}' is not a reading; give one such as {examples}")
 
 
-def _value_of_row(row: Row) -> Sensed:
+def _value_of_row(row: Row) -> tuple[Sensed, str]:
     has_comma = re.match(r"\d+\s*,", row.text)
     hint = _hint_of(row) if has_comma else ""
-    stimulus, _ = _value(row.text, f"{row.place}{hint}: {row.text}", _CELLS)
-    return stimulus
+    return _value(row.text, f"{row.place}{hint}: {row.text}", _CELLS)
 
 
 def _value(
     value: str,
     text: str,
     examples: str = _EXAMPLES,
-) -> tuple[Sensed, Sense | None]:
-    """Stimulus of a text, and the sense that its unit or name tells. ``text``, ``examples``: for
+) -> tuple[Sensed, str]:
+    """Stimulus of a text, and its unit, empty without one. ``text``, ``examples``: for
     messages."""
     word = value.lower()
     if word.upper() in COLORS:
-        return COLORS[word.upper()], Sense.SURFACE
+        return COLORS[word.upper()], ""
     if word in _BUTTON_FORCES_N:
-        return _BUTTON_FORCES_N[word], Sense.FORCE
+        return _BUTTON_FORCES_N[word], ""
     match = _NUMBERS.fullmatch(word)
     numbers: tuple[float, ...] = ()
     unit = None
@@ -193,7 +219,17 @@ def _value(
     if not suits_unit or not are_finite:
         raise _no_reading(text, examples)
     stimulus: Sensed = numbers if len(numbers) > 1 else numbers[0]
-    return stimulus, _UNIT_SENSES.get(unit or "")
+    return stimulus, _UNIT_NAMES.get(unit or "", unit or "")
+
+
+def _sense_told_by(value: str, unit: str) -> Sense | None:
+    """The sense of a reading that its name or its unit tells; ``None`` if neither does."""
+    word = value.lower()
+    if word.upper() in COLORS:
+        return Sense.SURFACE
+    if word in _BUTTON_FORCES_N:
+        return Sense.FORCE
+    return _UNIT_SENSES.get(unit)
 
 
 def parse_end_stop(text: str) -> tuple[str, tuple[float, float]]:
@@ -212,7 +248,7 @@ def parse_end_stop(text: str) -> tuple[str, tuple[float, float]]:
             f"'{text}': the motor starts at 0; give a lowest angle below that and a highest "
             "above it"
         )
-    return match[1].upper(), (low, high)
+    return port_of(match[1]), (low, high)
 
 
 def parse_start(text: str) -> tuple[str, float]:
@@ -264,14 +300,18 @@ def end_stops_of(robot: Robot, texts: Iterable[str]) -> dict[str, tuple[float, f
 
 def parse_device(text: str) -> tuple[str, MotorKind | SensorKind | None]:
     """Port and device of ``A=interactive``, ``B=ColorSensor`` or ``C=nothing`` (``None``), in
-    letters of any case. Raises DescriptionError if there is no such device."""
+    letters of any case. Of a class that two families have, it is the kind of SPIKE's. Raises
+    DescriptionError if there is no such device."""
     port, _, name = (part.strip() for part in text.partition("="))
-    kinds = (*MotorKind, *SensorKind)
-    devices = {kind.value.lower(): kind for kind in kinds}
+    devices: dict[str, MotorKind | SensorKind] = {
+        kind.model.class_name.lower(): kind for kind in reversed(SensorKind)
+    }
+    devices |= {kind.value.lower(): kind for kind in (*MotorKind, *SensorKind)}
     is_known = name.lower() in ("nothing", *devices)
     if is_known and re.fullmatch(_PORT, port):
         return port_of(port), devices.get(name.lower())
-    known = ", ".join(kind.value for kind in kinds)
+    classes = dict.fromkeys(kind.model.class_name for kind in SensorKind)
+    known = ", ".join((*(kind.value for kind in MotorKind), *classes))
     raise DescriptionError(
         f"'{text}' is not a device on a port; give one such as A=interactive, of {known}, "
         "or nothing"

@@ -13,8 +13,9 @@ from pathlib import Path
 from types import FrameType
 from typing import Any, BinaryIO, TextIO
 
-from brickhub.errors import TwinError
+from brickhub.errors import ProgramError, TwinError
 from brickhub.files import reading, write_durably
+from brickhub.hub.program.compile import compile_program, program_blob
 from brickhub.hub.program.imported_hub import imported_hub
 from brickhub.hub.program.lego_languages import language_note
 from brickhub.hub.program.pybricks2 import outdated_note
@@ -26,7 +27,7 @@ from brickhub.hub.program.run_program import (
     time_limit_note,
 )
 from brickhub.hub.transport import HubProgram, as_typed
-from brickhub.robot import MotorKind, SensorKind
+from brickhub.robot import AnyHub, MotorKind, SensorKind
 from brickhub.robot.hardware import USUAL_HUB_NAME
 from brickhub.virtual import error_numbers
 from brickhub.virtual.bench_body import FittedBench
@@ -156,8 +157,8 @@ class Operation:
         end_stops: lowest and highest angle (deg) of motors on the bench, by port.
         starts: angle (deg) at which motors on the bench stand at first, by port.
         devices: motors and sensors on the bench, by port; ``None`` for nothing.
-        own_devices: devices of the user's own, by port, also of a robot with a body; or functions
-            that make one for the robot.
+        own_devices: devices of the user's own, by port, also of a robot with a body, in place of
+            its sensors; or functions that make one for the robot.
         hub_name: what the hub is called.
         storage: file with what the hub's programs have stored, written anew at the end; ``None``
             for a hub that forgets it.
@@ -258,6 +259,7 @@ def run_file(
         operation.watch(machine.panel)
     if operation.attend is not None:
         operation.attend(machine)
+    _check_size(program, machine.robot.hub)
     console = StreamConsole(machine, stdin, stdout)
     try:
         return _run(
@@ -275,10 +277,10 @@ def run_file(
 
 
 def _plug_in(machine: Machine, devices: Mapping[str, AnyOwnDevice | OwnDeviceOf]) -> None:
-    """Plug in devices of the user's own. Raises TwinError if there is no such port, it is of
-    another kind, or a device of the robot is on it, and as `own_device_of`."""
+    """Plug in devices of the user's own, also in place of a robot's sensors. Raises TwinError if
+    there is no such port, it is of another kind, or a motor is on it, and as `own_device_of`."""
     robot = machine.robot
-    taken = [device.port for device in (*robot.motors, *robot.sensors)]
+    taken = [motor.port for motor in robot.motors]
     for port in devices:
         if port not in robot.hub.model.ports:
             raise TwinError(
@@ -287,7 +289,7 @@ def _plug_in(machine: Machine, devices: Mapping[str, AnyOwnDevice | OwnDeviceOf]
             )
         if port in taken:
             raise TwinError(
-                f"port {port} of '{robot.name}' has another device; plug yours into a free one"
+                f"port {port} of '{robot.name}' has a motor; plug your device into another port"
             )
     made = {port: own_device_of(device, machine.body) for port, device in devices.items()}
     for port, own in made.items():
@@ -370,6 +372,20 @@ def _run(
     return 0
 
 
+def _check_size(program: HubProgram, hub: AnyHub) -> None:
+    """Raises ProgramError if a program is larger than a hub takes."""
+    sources = [program.source, *(module.source for module in program.modules)]
+    # Compiling takes a moment, and what is compiled is hardly ever longer than its text.
+    if 2 * sum(map(len, sources)) <= hub.model.program_bytes:
+        return
+    try:
+        compiled = compile_program(program)
+    except ProgramError:
+        # Its run says what is wrong with it, as a hub does.
+        return
+    program_blob(compiled, hub)
+
+
 def _module_hint(error: BaseException, path: Path) -> str:
     """A line that says where a module is that a program does not find."""
     if not isinstance(error, ImportError):
@@ -391,7 +407,9 @@ def _ports_hint(error: BaseException, machine: Machine) -> str:
     if not is_missing or isinstance(machine.body, FittedBench):
         return ""
     robot = machine.robot
-    devices = sorted((*robot.motors, *robot.sensors), key=lambda device: device.port)
+    own = machine.own_devices
+    its = [device for device in (*robot.motors, *robot.sensors) if device.port not in own]
+    devices = sorted(its, key=lambda device: device.port)
     described = [f"{device.port} '{device.name}' ({device.kind.value})" for device in devices]
     fitted = ", ".join(described)
     return (

@@ -71,3 +71,9 @@ def test_too_large_program_raises() -> None:
     assert program_blob({"__main__": largest}, HubKind.CITY)
     with pytest.raises(ProgramError, match="20481 bytes, the city hub takes 20480"):
         program_blob({"__main__": largest + b"x"}, HubKind.CITY)
+
+
+def test_what_is_too_large_for_the_compiler_is_said() -> None:
+    source = "".join(f"def f{n}(a, b):\n    return a * {n} + b\n" for n in range(9000))
+    with pytest.raises(ProgramError, match="main.py is too large for the compiler mpy-cross; put"):
+        compile_mpy(source)

@@ -63,8 +63,39 @@ ev3.speaker.volume(50)
 
 
 def test_the_first_version_had_a_module_for_the_brick() -> None:
-    source = "from pybricks import ev3brick as brick\nbrick.sound.beep()\n"
-    assert lines(source) == {1: ["ev3brick: from"]}
+    source = """from pybricks import ev3brick as brick
+from pybricks.parameters import Button, Color
+brick.sound.beep()
+brick.display.text("hello", (60, 50))
+brick.light(Color.RED)
+while Button.CENTER not in brick.buttons():
+    print(brick.battery.voltage())
+"""
+    assert lines(source) == {
+        1: ["ev3brick: from"],
+        3: ["brick.sound: ev3.speaker"],
+        4: ["brick.display: ev3.screen"],
+        5: ["brick.light: ev3.light.on(color)"],
+        6: ["brick.buttons: ev3.buttons.pressed()"],
+        7: ["brick.battery: ev3.battery"],
+    }
+
+
+def test_files_and_what_other_objects_have_too_are_named_where_they_are_old() -> None:
+    source = """
+with open("log.txt", "w") as file:
+    file.write("done")
+ev3.screen.save("screen.png")
+ev3.light.on(Color.PURPLE)
+if ev3.buttons.pressed()[0] == Button.LEFT:
+    motor.log.save("motor.csv")
+"""
+    assert lines(source) == {
+        2: ["open: the"],
+        4: ["screen.save: the"],
+        5: ["Color.PURPLE: Color.VIOLET"],
+        6: ["pressed()[...]: a"],
+    }
 
 
 def test_modules_beside_the_program_are_read_and_may_have_such_names(tmp_path: Path) -> None:

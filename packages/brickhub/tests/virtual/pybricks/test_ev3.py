@@ -206,6 +206,16 @@ def test_light_is_red_and_green_without_blue() -> None:
         assert panel.light == light, color
 
 
+def test_a_color_is_shown_once_as_the_lamps_have_it() -> None:
+    shown: list[object] = []
+    machine = Machine(FittedBench(HubKind.EV3), Panel(HubKind.EV3))
+    machine.panel.on_change = lambda panel: shown.append(panel.light)
+    console = Console(machine, {})
+    source = HEAD + "light = EV3Brick().light\nlight.on(Color.MAGENTA)\nlight.on(Color.BLUE)"
+    execute(source, "main.py", modules(machine, console), console)
+    assert shown == [(0, 100, 100), None]
+
+
 def test_what_the_brick_has_not() -> None:
     source = """
 brick = EV3Brick()

@@ -201,8 +201,11 @@ def test_measures_of_fonts() -> None:
     source = """
 print(Font.DEFAULT.text_width("abc"), Font.TERMINUS_16.height, Font.DEFAULT.family)
 print(Font.MONO_8X5_8.text_width("abc"), Font.MONO_8X5_8.text_height("a\\nb"), Font.MONO_8X5_8.width)
+font = Font.LIBERATIONSANS_14
+print(font.width > font.text_width("l"), font.width >= font.text_width("W"))
 """  # noqa: E501
-    assert shown(source)[1] == "24 16 Terminus\n17 16 6\n"
+    # The width of a font is that of its widest letter.
+    assert shown(source)[1] == "24 16 Terminus\n17 16 6\nTrue True\n"
     assert TERMINUS.size("") == (0, 0)
 
 

@@ -105,6 +105,7 @@ Examples:
         "brickhub (check|program|latency|calibrate) my_robot.py": r"bricksrl hub \2 RunAway-v0",
         "brickhub": "bricksrl hub",
     },
+    instead={"--robot": "--option robot=NAME"},
 )
 
 run = partial(app.run, LINE)

@@ -134,7 +134,12 @@ def _as_json(drawn: DrawnRobot, offered: list[Offer]) -> dict[str, Any]:
     for offer in offered:
         ability = offer.ability
         abilities.append(
-            {"name": ability.name, "sentence": ability.sentence, "reason": offer.reason}
+            {
+                "name": ability.name,
+                "sentence": ability.sentence,
+                "reason": offer.reason,
+                "remark": offer.remark,
+            }
         )
     return {
         "robot": drawn.robot.name,
@@ -180,12 +185,13 @@ def _say(drawn: DrawnRobot, offered: list[Offer]) -> None:
         print_line(f"  port {seen.port}  {sensor.name:13} {seen.part}: {looks}")
     for note in _notes(drawn):
         print_note(note)
-    can = [offer.ability for offer in offered if offer.task is not None]
+    can = [offer for offer in offered if offer.task is not None]
     cannot = [offer for offer in offered if offer.task is None]
     if can:
         print_line("It can learn")
-    for ability in can:
-        print_line(f"  {ability.name:7} {ability.sentence}")
+    for offer in can:
+        remark = f" ({offer.remark})" if offer.remark else ""
+        print_line(f"  {offer.ability.name:7} {offer.ability.sentence}{remark}")
     if cannot:
         print_line("It cannot learn")
     for offer in cannot:

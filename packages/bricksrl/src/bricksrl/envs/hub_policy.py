@@ -49,7 +49,8 @@ def by_steps_because(task: Task, options: EnvOptions) -> str:
         return "it runs a client of your own"
     if task.camera is not None or task.sensors:
         return "a camera or a sensor is on this computer"
-    if options.streaming or task.streams:
+    # A task that streams does so for who acts from a computer.
+    if options.streaming:
         return "it streams"
     if options.is_transformed or task.base_env is not None:
         return "transforms are between the robot and its agent"

@@ -8,12 +8,13 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import cached_property, partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, ClassVar
 
 from tyro.conf import UseAppendAction
 
 from brickhub.cli import run_command as run
 from brickhub.cli.terminal import print_note
+from brickhub.errors import DescriptionError
 from brickhub.options import Existing, option
 from brickhub.user_files import check_there
 
@@ -50,6 +51,7 @@ class Run(run.Run):
       bricktwin run main.py --reading B=red --reading C=200mm --press left@2.5s
       bricktwin run main.py --hub ble
       bricktwin run left.py right.py --robot two-wheeler --robot scout
+      bricktwin run left.py right.py --robot scout --robot scout --scene sumo
       bricktwin run lego_program.py --robot cart --video cart.mp4
     """
 
@@ -67,6 +69,8 @@ class Run(run.Run):
     the robot's own file."""
     video: Annotated[Path | None, option(metavar="FILE")] = None
     """Film the virtual robot into this mp4 file."""
+
+    of_a_room: ClassVar[tuple[str, ...]] = (*run.Run.of_a_room, "--scene")
 
     def target(self, name: str) -> Target:
         """The robot of that name. Notes about its own scenes are left out where a scene is
@@ -88,6 +92,11 @@ class Run(run.Run):
 
     def bodies(self, stack: ExitStack) -> Sequence[Body | None]:
         if not self.robot:
+            if self.scene is not None:
+                raise DescriptionError(
+                    "a scene of several hubs needs their robots; name one for each program, "
+                    "--robot scout --robot scout"
+                )
             return super().bodies(stack)
         return self.world.bodies
 
@@ -104,9 +113,11 @@ class Run(run.Run):
     @cached_property
     def world(self) -> ArenaWorld:
         """The world that several robots share: they stand side by side, and look ahead."""
-        from bricktwin.target import shared_world
+        from bricktwin.target import load_scene, shared_world
+        from bricktwin.twin.scene import OPEN_FLOOR
 
-        return shared_world([(name, self.target(name)) for name in self.robot])
+        scene = OPEN_FLOOR if self.scene is None else load_scene(self.scene)
+        return shared_world([(name, self.target(name)) for name in self.robot], scene)
 
     def _made_body(self, stack: ExitStack) -> Body | None:
         if self.video is None and self.scene is None:

@@ -72,6 +72,7 @@ def check(plan: Plan) -> list[Finding]:
         )
         mistakes += _check_wiring(plan)
     mistakes += _check_count(plan)
+    mistakes += [(lack.line, "not drawn", lack.text) for lack in plan.undrawn]
     return [Finding(name, Outcome.ERROR, text, line) for line, name, text in sorted(mistakes)]
 
 

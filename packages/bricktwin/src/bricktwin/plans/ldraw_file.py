@@ -102,6 +102,7 @@ class Model:
             ends.
         is_range: whether it is some lines of another model, which are one drawn piece if no part of
             the catalogue is among them.
+        lacks: what it would be, had its program drawn it: "" for all that is whole.
     """
 
     name: str
@@ -112,6 +113,7 @@ class Model:
     is_shape: bool = False
     is_drawn: bool = False
     is_range: bool = False
+    lacks: str = ""
     step: int = 0
 
 
@@ -344,7 +346,12 @@ class Document:
         self._synth = None
         if synth is not None and not synth.count:
             # The drawing becomes a model without parts, which counts as one piece.
-            drawn = Model(f"{synth.name} of line {synth.line}", synth.line, is_drawn=True)
+            drawn = Model(
+                f"{synth.name} of line {synth.line}",
+                synth.line,
+                is_drawn=True,
+                lacks=synth.name if synth.kind.is_of_parts else "",
+            )
             self.models[key_of(drawn.name)] = drawn
             self._place(
                 synth.line,

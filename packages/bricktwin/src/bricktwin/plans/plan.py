@@ -25,6 +25,10 @@ _LONGEST_NUMBER = 60
 """Letters of an unknown part that messages show."""
 _MAIN_COLOUR = 16
 """LDraw's code of the colour that a model gets where it is placed."""
+_UNDRAWN = (
+    "LSynth has not drawn the parts of this {} yet, so that it is one piece, and turns nothing; "
+    "let LSynth draw them"
+)
 _STRETCHED = "'{}' is stretched; place it without scaling"
 
 
@@ -144,6 +148,8 @@ class Plan:
         robot: name of the robot that it builds.
         count: declared number of parts.
         drawn: lines that place a drawn cable, hose or band: one piece each, without a shape.
+        undrawn: lines that place a chain, or the like, whose parts LSynth has not drawn yet, with
+            what they lack: one piece each, among those that are drawn.
         faults: lines that are left out.
     """
 
@@ -155,6 +161,7 @@ class Plan:
     steps: tuple[Step, ...]
     unknown: tuple[Unknown, ...]
     drawn: tuple[int, ...]
+    undrawn: tuple[LineFault, ...]
     faults: tuple[LineFault, ...]
 
     def devices(self, *kinds: DeviceKind) -> list[Placed]:
@@ -244,6 +251,7 @@ def make_plan(document: Document, path: Path | None = None) -> Plan:
         steps,
         tuple(unknown),
         drawn,
+        tuple(builder.undrawn),
         faults,
     )
 
@@ -344,6 +352,7 @@ class _Builder:
         self.steps: list[Step] = []
         self.unknown: dict[str, list[Reference]] = {}
         self.drawn: list[int] = []
+        self.undrawn: list[LineFault] = []
         self.faults: list[LineFault] = []
         self._files: set[str] = set()
         """Names of the other files that are used."""
@@ -631,8 +640,12 @@ class _Builder:
         if part is None:
             # A drawn cable counts as one piece, so the unknown segments in its model are not
             # counted.
-            if self._is_drawn(self.models.find(reference.name, model)):
+            piece = self.models.find(reference.name, model)
+            if piece is not None and self._is_drawn(piece):
                 self.drawn.append(reference.line)
+                if piece.lacks:
+                    text = _UNDRAWN.format(piece.lacks)
+                    self.undrawn.append(LineFault(reference.line, text))
             elif not model.is_drawn:
                 number = reference.name.lower().removesuffix(".dat")
                 self.unknown.setdefault(number, []).append(reference)

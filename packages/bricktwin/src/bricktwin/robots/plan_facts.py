@@ -25,6 +25,10 @@ _LOOKS_COSINE = 0.8
 """Cosine of the largest angle, 37 degrees, at which a sensor looks along an axis."""
 
 
+_TREADS = ("3873",)
+"""Parts of chains that real robots drive on."""
+
+
 class DeviceFacts(NamedTuple):
     """A hub, motor or sensor. Positions and directions are in the twin's axes: x ahead, y to the
     left, z up.
@@ -136,6 +140,15 @@ def _lacks(plan: Plan) -> Iterator[str]:
         yield (
             f"line {lines}: part {unknown.number} is not in the catalogue, so that what it holds "
             "may be loose"
+        )
+    for lack in plan.undrawn:
+        yield f"line {lack.line}: {lack.text}"
+    treads = [placed for placed in plan.parts if placed.part.number in _TREADS]
+    if treads:
+        first = treads[0]
+        yield (
+            f"line {first.line}: {first.name} turns gears, but drives no robot in its twin, where "
+            "treads touch no floor; let it stand on wheels"
         )
     for hub in plan.devices(DeviceKind.HUB)[1:]:
         yield f"line {hub.line}: {hub.name} is a second hub; only the first one counts"

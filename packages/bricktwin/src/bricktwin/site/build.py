@@ -7,6 +7,7 @@ import shutil
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from brickhub.robot import Robot
 from bricktwin.robots import CART
@@ -25,12 +26,14 @@ _HERE = Path(__file__).parent
 STATIC = _HERE / "static"
 WORKER = _HERE / "worker"
 PROGRAMS = _HERE / "programs"
+DEVICES = PROGRAMS / "devices"
 LIST = "files.json"
 """List of all files of a site with their sizes, by which a site is known."""
 _SERVICE_WORKER = "service_worker.js"
 _BUILD_MARK = "BUILD-MARK"
 _FOR_ROBOT = re.compile(r"(?m)^# Robot: ([\w.-]+) ?([\w-]*)$")
 _PARTNER = re.compile(r"(?m)^# With: ([\w.-]+)$")
+_DEVICE = re.compile(r"(?m)^# Port: \w+=([\w.-]+\.py)(?::\w+)?$")
 _IMPORTED = re.compile(r'from "\./(\w+\.js)"')
 _NOT_COPIED = (_SERVICE_WORKER,)
 
@@ -77,7 +80,7 @@ def build_site(
             robots = (*robots, CART)
         index = write_robots(fresh, robots, drivers_worlds, _named_worlds(offered, policies))
         write_json(fresh / "robots.json", index)
-        write_json(fresh / "together.json", write_together(fresh, robots))
+        write_json(fresh / "together.json", write_together(fresh, robots, drivers_worlds, index))
         write_json(fresh / "programs.json", offered)
         write_json(fresh / "pybricks.json", pybricks_names())
         write_json(fresh / "devices.json", device_table())
@@ -120,13 +123,14 @@ def _modules(*names: str) -> set[str]:
     return found
 
 
-def programs(policies: Path | None) -> list[dict[str, str]]:
-    """Programs that the page offers: title, file name, source, the robot and world it is for, and
-    the program of a second hub.
+def programs(policies: Path | None) -> list[dict[str, Any]]:
+    """Programs that the page offers: title, file name, source, the robot and world it is for, the
+    program of a second hub, and ``files``, further ones by name.
 
     The first line of each is a comment with its title; a second one, ``# Robot: ROBOT WORLD``,
     names the robot and the world, else it is for the bench. A line ``# With: NAME.py`` names what
-    another hub runs in the same room; it is empty for a hub alone.
+    another hub runs in the same room; it is empty for a hub alone. A line ``# Port:
+    A=NAME.py:DEVICE`` names a device of one's own, whose file is in `DEVICES`.
     """
     found = list(_described(sorted(PROGRAMS.glob("*.py"))))
     if policies is not None:
@@ -138,7 +142,7 @@ def programs(policies: Path | None) -> list[dict[str, str]]:
 
 
 def _named_worlds(
-    offered: Iterable[Mapping[str, str]],
+    offered: Iterable[Mapping[str, Any]],
     policies: Path | None,
 ) -> dict[str, dict[str, Scene]]:
     """Worlds that programs bring with them, by robot and name."""
@@ -161,7 +165,7 @@ def _named_worlds(
     return found
 
 
-def _described(paths: Iterable[Path]) -> Iterator[dict[str, str]]:
+def _described(paths: Iterable[Path]) -> Iterator[dict[str, Any]]:
     for path in paths:
         source = path.read_text(encoding="utf-8")
         lines = source.splitlines()
@@ -171,6 +175,12 @@ def _described(paths: Iterable[Path]) -> Iterator[dict[str, str]]:
         # What comes before a name, such as 2b_, is its place among the examples.
         name = re.sub(r"^\d+[a-z]?_", "", path.name)
         partner = _PARTNER.search(source)
+        files = {
+            device: (DEVICES / device).read_text(encoding="utf-8")
+            for device in _DEVICE.findall(source)
+            # One of somebody's own program is that person's.
+            if (DEVICES / device).is_file()
+        }
         yield {
             "title": title,
             "name": name,
@@ -178,6 +188,7 @@ def _described(paths: Iterable[Path]) -> Iterator[dict[str, str]]:
             "robot": robot,
             "world": world or "",
             "partner": partner[1] if partner else "",
+            "files": files,
         }
 
 

@@ -5,10 +5,10 @@ That build is of another version than Python's, whose binary models it does not 
 six digits into a text, so that what is more exact in the compiled model is stored beside it.
 """
 
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import PurePath
 from typing import Any
+from xml.etree import ElementTree
 
 import mujoco
 import numpy as np
@@ -17,11 +17,18 @@ from brickhub.errors import TwinError
 from brickhub.robot import Robot
 from brickhub.robot.spec import with_end_stops
 from bricktwin.site.tab.plain_values import plain
+from bricktwin.site.tab.robot_file import (
+    ANSWERED_MARK,
+    GROUP_MARK,
+    NAME_MARK,
+    SECTIONS,
+    TYPE_MARK,
+)
 from bricktwin.twin.arena import side_by_side
 from bricktwin.twin.make_body import lies_on_bench
 from bricktwin.twin.models.kept_models import robot_model
 from bricktwin.twin.models.load import load_model
-from bricktwin.twin.mujoco_arena import arena_model, arena_spec
+from bricktwin.twin.mujoco_arena import arena_model, arena_spec, world_spec
 from bricktwin.twin.scene import OPEN_FLOOR, Scene
 
 _FIELDS = (
@@ -39,6 +46,8 @@ _FIELDS = (
     "qpos",
 )
 """First letters of the names of the model's fields that a text loses digits of."""
+_OF_THE_WORLD = ("compiler", "option", "size", "statistic", "visual", "default")
+"""Sections of a text that are the same for all robots, or say nothing of them."""
 _EQUALITY_NUMBERS = 11
 """Numbers of an equality, ``eq_data``, in the JavaScript build; the Python build has one more, at
 the end."""
@@ -70,16 +79,103 @@ def robot_file(robot: Robot, scene: Scene = OPEN_FLOOR) -> dict[str, Any]:
     }
 
 
-def together_file(robots: Sequence[Robot]) -> dict[str, Any]:
-    """The same of robots that share a world, side by side: ``robots`` as plain values, ``mjcf`` and
-    ``fields``. Raises TwinError if one has no model, or does not move about."""
-    arena = side_by_side(robots)
+def sharing_file(robot: Robot) -> dict[str, Any]:
+    """Values for JSON of a robot that shares a world, as ``tab/robot_file.py`` puts it there:
+    ``robot`` as plain values, ``sections`` of its MJCF text with marks in them, its number of
+    ``motors``, and ``fields``, ``lengths`` and ``heads`` of the compiled model's numbers. Raises
+    TwinError if it has no model, does not move about, or its model has what is not put together."""
+    arena = side_by_side([robot])
     spec = arena_spec(arena)
     # The parts of a model that is put together have their numbers only then.
     spec.compile()
+    compiled = arena_model(arena)
+    file = _model_file(compiled, spec)
+    root = ElementTree.fromstring(file["mjcf"])  # noqa: S314  our own text
+    name = arena.robots[0].name
+    sections = {}
+    for section in root:
+        if section.tag in SECTIONS:
+            sections[section.tag] = _marked(section, name)
+        elif section.tag not in _OF_THE_WORLD:
+            raise TwinError(
+                f"the model of robot '{robot.name}' has a section {section.tag}, with which it "
+                "shares no world in a tab; take it out"
+            )
     return {
-        "robots": [plain(_without_folders(robot)) for robot in robots],
-        **_model_file(arena_model(arena), spec),
+        "robot": plain(_without_folders(robot)),
+        "sections": sections,
+        "motors": len(robot.motors),
+        **_numbers(file["mjcf"], file["fields"]),
+    }
+
+
+def _marked(section: ElementTree.Element, name: str) -> str:
+    """Text of what is in a section of a robot of that name in an arena, with marks."""
+    parts = []
+    for number, element in enumerate(section):
+        # The world's own geometries are in the world's file.
+        if section.tag == "worldbody" and element.tag != "body":
+            continue
+        for part in element.iter():
+            # All of a robot is of its class, which says nothing.
+            part.attrib.pop("class", None)
+            part.attrib.pop("childclass", None)
+            if part.tag == "geom" and part.get("contype", "1") != "0":
+                part.set("contype", TYPE_MARK)
+                part.set("conaffinity", ANSWERED_MARK)
+        if section.tag == "actuator":
+            element.set("group", f"{GROUP_MARK}{number}:")
+        parts.append(ElementTree.tostring(element, "unicode").strip())
+    return "".join(parts).replace(f"{name}/", NAME_MARK)
+
+
+def world_file(scene: Scene) -> dict[str, Any]:
+    """Values for JSON of a scene that robots share, as ``tab/robot_file.py`` puts them there:
+    ``scene`` as plain values, ``head`` of the MJCF text, ``sections``, each with what comes before
+    the robots and after them, and numbers as of :func:`sharing_file`."""
+    spec = world_spec(scene)
+    compiled = spec.compile()
+    file = _model_file(compiled, spec)
+    root = ElementTree.fromstring(file["mjcf"])  # noqa: S314  our own text
+    head = ""
+    sections = {}
+    for section in root:
+        if section.tag in SECTIONS:
+            before = ""
+            after = ""
+            for element in section:
+                text = ElementTree.tostring(element, "unicode").strip()
+                if element.tag == "body":
+                    after += text
+                else:
+                    before += text
+            sections[section.tag] = (before, after)
+        else:
+            head += ElementTree.tostring(section, "unicode").strip()
+    return {
+        "scene": plain(scene),
+        "head": head,
+        "sections": sections,
+        **_numbers(file["mjcf"], file["fields"]),
+    }
+
+
+def _numbers(mjcf: str, fields: dict[str, list[float]]) -> dict[str, Any]:
+    """``fields``, and of all fields in which digits may be lost ``lengths``; ``heads`` says of
+    kinds of parts how many are of the world's body, of how many."""
+    written = mujoco.MjModel.from_xml_string(mjcf)
+    lengths = {}
+    for name in dir(written):
+        if name.startswith(_FIELDS):
+            values = getattr(written, name)
+            if values.dtype.kind == "f":
+                lengths[name] = values.size
+    lengths["eq_data"] = _EQUALITY_NUMBERS * written.neq
+    of_world = int((written.geom_bodyid == 0).sum())
+    return {
+        "fields": fields,
+        "lengths": {name: length for name, length in lengths.items() if length},
+        "heads": {"body": (1, written.nbody), "geom": (of_world, written.ngeom)},
     }
 
 

@@ -2,30 +2,33 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
-from itertools import combinations_with_replacement
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from brickhub.errors import TwinError
 from brickhub.files import as_file_name
 from brickhub.robot import Robot
 from bricktwin.plans.planned_robot import planned_robot
 from bricktwin.robots import EV3_DRIVER, ROBO_ARM, SCOUT, TWO_WHEELER, WALKER
 from bricktwin.robots.planned import plan_file
-from bricktwin.site.robot_files import robot_file, together_file
+from bricktwin.site.robot_files import robot_file, sharing_file, world_file
 from bricktwin.site.storing import read_packed_json, write_packed_json
 from bricktwin.site.tab.lessons import described as described_lesson
 from bricktwin.site.tab.lessons import lesson_for
-from bricktwin.twin.arena import side_by_side
+from bricktwin.twin.arena import COLORS, side_by_side
+from bricktwin.twin.engines.mujoco_engine import MujocoEngine
 from bricktwin.twin.make_body import lies_on_bench, make_body
 from bricktwin.twin.models.balance import lean_on_one_axle_deg
-from bricktwin.twin.mujoco_arena import ArenaWorld
+from bricktwin.twin.models.shared_scene import Start, shared_scene, starts_in
+from bricktwin.twin.mujoco_arena import ArenaWorld, world_spec
 from bricktwin.twin.mujoco_body import MujocoBody
 from bricktwin.twin.scene import OPEN_FLOOR, Scene
+from bricktwin.twin.standing import Pose
 from bricktwin.view.around import view_around
-from bricktwin.view.body_drawing import drawing_of
-from bricktwin.view.drawing_of_body import poses
+from bricktwin.view.body_drawing import drawing_of, drawing_of_model
+from bricktwin.view.drawing_of_body import Drawing, Floats, poses
 from bricktwin.worlds import WORLDS, world
 
 OWN = (TWO_WHEELER, WALKER, SCOUT, ROBO_ARM, EV3_DRIVER)
@@ -40,6 +43,8 @@ _TITLES = {
 _OPEN = "open floor"
 _MESHES = "meshes.json"
 _TOGETHER = "together"
+_MOST = 4
+"""Most hubs of a room."""
 _BEHIND = {"distance_m": 1.1, "yaw_deg": -150.0, "pitch_deg": 34.0}
 """View of a robot in a world: from behind it, so that what is before it is seen."""
 _FEWER_WORLDS = {"ev3-driver": ("wall", "line-simple", "maze")}
@@ -94,36 +99,127 @@ def write_robots(
     return index
 
 
-def write_together(site: Path, robots: Sequence[Robot]) -> list[dict[str, Any]]:
-    """Write the files of robots that share a world, two at a time, beside those of
-    :func:`write_robots`; returns their index: names of both, file, and files of their meshes."""
-    folder = site / "robots" / _TOGETHER
-    folder.mkdir(parents=True)
-    index = []
-    for pair in combinations_with_replacement(filter(_can_share, robots), 2):
-        file = together_file(pair)
-        shared = ArenaWorld(side_by_side(pair))
-        # Where the model has them is not where they start.
-        shared.place(np.random.default_rng(0))
-        body = shared.bodies[0]
-        described = drawing_of(body).described()
-        meshes = []
-        folders = []
-        # Of two robots of one name the meshes are the same.
-        for name in dict.fromkeys(as_file_name(robot.name) for robot in pair):
-            path = f"robots/{name}/{_MESHES}"
-            folders.append(path)
-            meshes += read_packed_json(site / path)
-        described["meshes"] = [
-            meshes.index(mesh) if mesh in meshes else mesh for mesh in described["meshes"]
-        ]
-        described["view"] = asdict(view_around([one.pose() for one in shared.bodies]))
-        names = [robot.name for robot in pair]
-        first, second = map(as_file_name, names)
-        path = f"robots/{_TOGETHER}/{first}_and_{second}.json"
-        write_packed_json(site / path, {"robot": file, "drawing": described, "start": _start(body)})
-        index.append({"robots": names, "file": path, "meshes": folders})
+def write_together(
+    site: Path,
+    robots: Sequence[Robot],
+    worlds: Mapping[str, Scene],
+    known: Sequence[Mapping[str, Any]],
+) -> dict[str, Any]:
+    """Write what ``tab/robot_file.py`` and ``together.js`` put together, beside the files of
+    :func:`write_robots`: a file of each robot that can share a world, and of each world that can be
+    shared. Returns their index: ``robots``, by name, with their file and that of their meshes, and
+    ``worlds``, with name, title, file, the most robots that have room there, and the file of a
+    robot alone there, whose meshes it names by their numbers, or ``None``.
+
+    Args:
+        site, robots, worlds: as of :func:`write_robots`.
+        known: what that has returned.
+    """
+    folder = f"robots/{_TOGETHER}"
+    (site / folder).mkdir(parents=True)
+    index: dict[str, Any] = {"robots": {}, "worlds": []}
+    for robot in robots:
+        if not _can_share(robot):
+            continue
+        name = as_file_name(robot.name)
+        meshes = f"robots/{name}/{_MESHES}"
+        path = f"{folder}/{name}.json"
+        write_packed_json(site / path, _sharing(robot, read_packed_json(site / meshes)))
+        index["robots"][robot.name] = {"file": path, "meshes": meshes}
+    for name, scene in {_OPEN: OPEN_FLOOR, **worlds}.items():
+        try:
+            shared = shared_scene(scene)
+        except TwinError:
+            # It is for one robot alone.
+            continue
+        starts = _starts(shared)
+        if len(starts) < 2:
+            continue
+        # There is nothing to be drawn on an open floor.
+        worlds_alone = [one for robot in known for one in robot["worlds"] if shared.objects]
+        alone = [one["file"] for one in worlds_alone if one["name"] == name]
+        drawn_in = alone[0] if alone else None
+        meshes = read_packed_json(site / drawn_in)["drawing"]["meshes"] if drawn_in else []
+        path = f"{folder}/world-{as_file_name(name)}.json"
+        write_packed_json(site / path, _shared(shared, starts, meshes))
+        index["worlds"].append(
+            {
+                "name": name,
+                "title": _title(name),
+                "file": path,
+                "most": len(starts),
+                "drawn_in": drawn_in,
+            }
+        )
     return index
+
+
+def _sharing(robot: Robot, meshes: list[dict[str, str]]) -> dict[str, Any]:
+    """File of a robot that shares worlds; ``meshes``: those of its own file."""
+    world_of_it = ArenaWorld(side_by_side([robot]))
+    # Where the model has it is not where it stands.
+    world_of_it.place(np.random.default_rng(0))
+    (body,) = world_of_it.bodies
+    drawing = drawing_of(body)
+    described = drawing.described()
+    described["meshes"] = _numbered(described["meshes"], meshes)
+    return {
+        **sharing_file(robot),
+        "drawing": described,
+        "disc": _disc_of(drawing),
+        "counts": {
+            "bodies": body.model.nbody - 1,
+            "positions": body.model.nq,
+            "sites": body.model.nsite,
+        },
+        "start": _start(body),
+    }
+
+
+def _disc_of(drawing: Drawing) -> dict[str, int]:
+    """Which body and which of its shapes is the disc by whose colour a robot is known."""
+    discs = []
+    for number, drawn in enumerate(drawing.bodies):
+        for shape_number, shape in enumerate(drawn.shapes):
+            if np.allclose(shape.colour, (*COLORS[0], 1.0)):
+                discs.append({"body": number, "shape": shape_number})
+    # It is added to the model last.
+    return discs[-1]
+
+
+def _starts(scene: Scene) -> list[Start]:
+    """Where the robots of a scene start, as many as it has room for."""
+    starts: list[Start] = []
+    for count in range(1, _MOST + 1):
+        try:
+            starts = starts_in(scene, count)
+        except TwinError:
+            break
+    return starts
+
+
+def _shared(
+    scene: Scene,
+    starts: Sequence[Start],
+    meshes: list[Any],
+) -> dict[str, Any]:
+    """File of a scene that robots share, who start at these poses; ``meshes``: those of the file of
+    a robot alone in it."""
+    engine = MujocoEngine(world_spec(scene).compile())
+    engine.forward()
+    drawing = drawing_of_model(engine)
+    described = drawing.described()
+    described["meshes"] = _numbered(described["meshes"], meshes)
+    numbers = [drawn.model_body for drawn in drawing.bodies]
+    places = [Pose(*start) for start in starts]
+    views = [view_around(places[:count]) for count in range(1, len(starts) + 1)]
+    return {
+        **world_file(scene),
+        "starts": starts,
+        "views": [asdict(view) for view in views],
+        "drawing": {name: described[name] for name in ("meshes", "pictures", "bodies", "floor")},
+        "start": _rounded(poses(engine.data.xpos[numbers], engine.data.xquat[numbers])),
+    }
 
 
 def _can_share(robot: Robot) -> bool:
@@ -172,17 +268,14 @@ def _write_worlds(
             # Those of the robot itself are in all of its worlds.
             meshes = described["meshes"]
             write_packed_json(site / folder / _MESHES, meshes)
-        described["meshes"] = [
-            meshes.index(mesh) if mesh in meshes else mesh for mesh in described["meshes"]
-        ]
+        described["meshes"] = _numbered(described["meshes"], meshes)
         if name != _OPEN:
             described["view"].update(_BEHIND)
-        title = name.replace("-", " ").replace("_", " ")
         path = f"{folder}/{as_file_name(name)}.json"
         write_packed_json(site / path, {"robot": file, "drawing": described, "start": _start(body)})
         lesson = lesson_for(robot, name, is_held=scene.held_deg is not None)
         taught = None if lesson is None else described_lesson(lesson)
-        index.append({"name": name, "title": title, "file": path, "lesson": taught})
+        index.append({"name": name, "title": _title(name), "file": path, "lesson": taught})
     return index
 
 
@@ -190,5 +283,21 @@ def _start(body: MujocoBody) -> list[float]:
     """Frame of the drawing with the robot at its start."""
     body.update_visuals()
     numbers = [drawn.model_body for drawn in drawing_of(body).bodies]
-    frame = poses(body.data.xpos[numbers], body.data.xquat[numbers])
+    return _rounded(poses(body.data.xpos[numbers], body.data.xquat[numbers]))
+
+
+def _rounded(frame: Floats) -> list[float]:
     return [round(value, 5) for value in frame.ravel().tolist()]
+
+
+def _numbered(
+    meshes: Sequence[dict[str, str]],
+    known: list[dict[str, str]],
+) -> list[dict[str, str] | int]:
+    """Meshes of a drawing, by their numbers where they are known."""
+    return [known.index(mesh) if mesh in known else mesh for mesh in meshes]
+
+
+def _title(name: str) -> str:
+    """What a world is called in the page."""
+    return name.replace("-", " ").replace("_", " ")

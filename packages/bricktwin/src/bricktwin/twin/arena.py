@@ -15,11 +15,13 @@ from brickhub.errors import TwinError
 from brickhub.robot import Robot
 from brickhub.virtual.body import Rng
 from bricktwin.twin.body import STEPS_PER_LOAD, NoiseSources, TwinBody
+from bricktwin.twin.engines.conventions import object_name
 from bricktwin.twin.engines.engine import Engine
 from bricktwin.twin.engines.rotations import yaw_quaternion
 from bricktwin.twin.model_physics import set_physics
+from bricktwin.twin.models.shared_scene import shared_scene, starts_in
 from bricktwin.twin.physics import Physics
-from bricktwin.twin.scene import OPEN_FLOOR
+from bricktwin.twin.scene import OPEN_FLOOR, Scene
 from bricktwin.twin.senses import clockwise_deg
 from bricktwin.twin.settling import come_to_rest, halt, settle
 from bricktwin.twin.standing import Pose
@@ -28,9 +30,9 @@ _MAX_DRAWS = 20_000
 """Start poses that are drawn before an arena counts as too narrow."""
 _DRAWS_AT_ONCE = 200
 """Start poses that are drawn for one arrangement of the first robots."""
-_APART_M = 0.5
-"""Distance between neighbours that stand side by side."""
-_COLORS = (
+_FAR_M = 100.0
+"""Where robots settle, away from the objects of their scene."""
+COLORS = (
     (0.1, 0.6, 0.6),
     (0.9, 0.5, 0.1),
     (0.55, 0.35, 0.75),
@@ -105,6 +107,7 @@ class Arena:
         half_size_m: half size of the floor within the walls, along x and y; ``None`` for an open
             floor.
         gap_m: least distance between any two robots at the start.
+        scene: whose objects lie on the floor, too.
     """
 
     robots: tuple[Contestant, ...]
@@ -112,6 +115,7 @@ class Arena:
     half_size_m: tuple[float, float] | None = None
     gap_m: float = 0.3
     marks: tuple[Mark, ...] = ()
+    scene: Scene = OPEN_FLOOR
 
     def __post_init__(self) -> None:
         # They begin the names of all parts in the model.
@@ -136,29 +140,22 @@ class Arena:
         return TwinError(f"{text}; give them other places, or the arena a smaller gap_m")
 
 
-def side_by_side(
-    robots: Sequence[Robot],
-    numbers: Sequence[int] | None = None,
-) -> Arena:
-    """An open floor with robots that stand side by side and look ahead.
-
-    Args:
-        robots: from right to left.
-        numbers: of their names, ``robot1`` for 0; by default in their order.
-    """
+def side_by_side(robots: Sequence[Robot], scene: Scene = OPEN_FLOOR) -> Arena:
+    """Robots that share a scene, and stand where it has room for them: side by side on an open
+    floor, from right to left, and look ahead. Raises TwinError if there is no room, or the scene is
+    for one robot alone."""
+    scene = shared_scene(scene)
     contestants = []
-    for place, robot in enumerate(robots):
-        number = place if numbers is None else numbers[place]
-        y_m = place * _APART_M
+    for number, (x_m, y_m, heading_deg) in enumerate(starts_in(scene, len(robots))):
         contestants.append(
             Contestant(
                 f"robot{number + 1}",
-                robot,
-                Place(y_m=(y_m, y_m)),
-                _COLORS[number % len(_COLORS)],
+                robots[number],
+                Place((x_m, x_m), (y_m, y_m), (heading_deg, heading_deg)),
+                COLORS[number % len(COLORS)],
             )
         )
-    return Arena(tuple(contestants), gap_m=0.0)
+    return Arena(tuple(contestants), gap_m=0.0, scene=scene)
 
 
 class SharedWorld(Generic[B]):
@@ -206,6 +203,13 @@ class SharedWorld(Generic[B]):
             loads.append(engine.index("body", load.name))
             joint = engine.index("joint", load.name)
             self._loads.append(engine.indices("jnt_qposadr")[joint])
+        # So is what can be pushed in the scene.
+        self._pushable: list[int] = []
+        """Address of the first position of each thing of these."""
+        for number in arena.scene.pushable:
+            loads.append(engine.index("body", object_name(number)))
+            joint = engine.index("joint", object_name(number))
+            self._pushable.append(engine.indices("jnt_qposadr")[joint])
         bodies = range(len(engine.names("body")))
         scaled = [body for body in bodies if body not in loads]
         set_physics(
@@ -219,8 +223,9 @@ class SharedWorld(Generic[B]):
     def _settle(self) -> None:
         """Let all robots settle on the floor, far from one another, and record their stances."""
         addresses = [body.base_address for body in self.bodies] + self._loads
+        first_m = _FAR_M if self.arena.scene.objects else 0.0
         for number, address in enumerate(addresses):
-            self.engine.qpos[address] = 2.0 * number
+            self.engine.qpos[address] = first_m + 2.0 * number
         settle(self.engine, self.bodies)
         for body in self.bodies:
             body.record_stance()
@@ -244,7 +249,13 @@ class SharedWorld(Generic[B]):
             )
             for number, value in enumerate(pose, address):
                 engine.qpos[number] = value
-        come_to_rest(engine, self.bodies)
+        starts_of_all = engine.nominal("qpos0")
+        for address in self._pushable:
+            # Where the scene has it, as all robots are to find the same.
+            for number in range(address, address + 7):
+                engine.qpos[number] = starts_of_all[number]
+        scene = self.arena.scene
+        come_to_rest(engine, self.bodies, scene if scene.objects else None)
 
     def _starts(self, rng: Rng) -> list[Pose]:
         """Start poses that keep the arena's gap, drawn until they do."""
@@ -345,7 +356,7 @@ class SharingBody(TwinBody):
         TwinBody.__init__(
             self,
             contestant.robot,
-            OPEN_FLOOR,
+            world.arena.scene,
             world.engine,
             physics,
             noise,

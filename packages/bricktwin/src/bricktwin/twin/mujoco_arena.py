@@ -11,10 +11,10 @@ from bricktwin.twin.body import NoiseSources
 from bricktwin.twin.engines.mujoco_engine import MujocoEngine
 from bricktwin.twin.models.kept_models import kept_model, model_stamps
 from bricktwin.twin.models.mjcf import LOOKS, add_camera, add_light, new_spec
-from bricktwin.twin.models.scenery import add_geom
+from bricktwin.twin.models.scenery import add_geom, add_objects
 from bricktwin.twin.mujoco_body import MujocoBody
 from bricktwin.twin.physics import Physics
-from bricktwin.twin.scene import OPEN_FLOOR
+from bricktwin.twin.scene import OPEN_FLOOR, Scene
 
 _WALL_HALF_HEIGHT_M = 0.04
 _WALL_HALF_WIDTH_M = 0.012
@@ -36,6 +36,13 @@ def _compiled(
 def arena_model(arena: Arena) -> mujoco.MjModel:
     """Compiled model of an arena; copy it before use. Raises TwinError if a robot cannot move."""
     return _compiled(arena, tuple(model_stamps(contestant.robot) for contestant in arena.robots))
+
+
+def world_spec(scene: Scene) -> mujoco.MjSpec:
+    """Model of what is around the robots of an arena: what lies on the floor of a scene."""
+    spec = new_spec("arena", OPEN_FLOOR)
+    add_objects(spec, scene)
+    return spec
 
 
 def arena_spec(arena: Arena) -> mujoco.MjSpec:
@@ -67,6 +74,7 @@ def arena_spec(arena: Arena) -> mujoco.MjSpec:
         _add_load(world, load)
     for mark in arena.marks:
         _add_mark(world, mark)
+    add_objects(spec, arena.scene)
     return spec
 
 

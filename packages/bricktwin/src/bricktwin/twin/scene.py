@@ -30,6 +30,9 @@ class Scene:
             ``bricktwin.twin.objects``.
         start_mm: ranges of x and y of the robot's start position, drawn uniformly; ignored with a
             wall ahead.
+        others_start: where further robots start that share the scene, x, y (mm) and heading of
+            each; what can be pushed leaves its place for them. Beyond these they start beside the
+            first one.
         held_deg: lowest and highest pitch, nose down positive, at which a hand holds the robot at
             the start, drawn uniformly; it lets go when a motor first gets a voltage. ``None`` for a
             robot that stands by itself.
@@ -47,6 +50,7 @@ class Scene:
     heading_deg: tuple[float, float] = (0.0, 0.0)
     objects: tuple[Object, ...] = ()
     start_mm: tuple[tuple[float, float], tuple[float, float]] = ((0.0, 0.0), (0.0, 0.0))
+    others_start: tuple[tuple[float, float, float], ...] = ()
     held_deg: tuple[float, float] | None = None
     light_pct: float = 20.0
     ball: bool = False
@@ -68,6 +72,12 @@ class Scene:
                 -10_000.0,
                 10_000.0,
             )
+        for start in self.others_start:
+            is_pose = isinstance(start, tuple | list) and len(start) == 3
+            if not (is_pose and all(map(_is_finite, start))):
+                raise TwinError(
+                    f"scene: another robot starts at {start}; give x, y (mm) and a heading (deg)"
+                )
         if self.held_deg is not None:
             _check_range(
                 "held_deg",
@@ -134,6 +144,11 @@ class Scene:
             if isinstance(item, Ball) or (isinstance(item, Block) and item.mass_g is not None):
                 pushable[number] = item
         return pushable
+
+
+def _is_finite(value: object) -> bool:
+    """Whether a value of a user's is a finite number."""
+    return isinstance(value, int | float) and math.isfinite(value)
 
 
 def _check_range(

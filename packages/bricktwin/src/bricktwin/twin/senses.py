@@ -398,7 +398,7 @@ class WorldSenses:
         distance_m: float,
     ) -> Vector:
         """Mean colour of the spot on the floor at ``point_m`` that is seen from a distance."""
-        radius_mm = _SPOT_MM + _SPOT_RATIO * distance_m * 1000.0
+        radius_mm = spot_mm(distance_m * 1000.0)
         middle_mm = (point_m[0] * 1000.0, point_m[1] * 1000.0)
         # Points that no mark has covered so far, and the colours of the others with their numbers.
         bare = self._disc
@@ -434,6 +434,12 @@ class WorldSenses:
             green += share * part_green
             blue += share * part_blue
         return red, green, blue
+
+
+def spot_mm(distance_mm: float) -> float:
+    """Radius of the spot that a colour sensor sees at a distance: so near to it, it sees the edge
+    of a line."""
+    return _SPOT_MM + _SPOT_RATIO * distance_mm
 
 
 def _beside(

@@ -9,6 +9,7 @@ from PIL import Image
 
 from bricktwin.plans.drawing import shapes
 from bricktwin.twin.engines.conventions import SHAPE_GROUP
+from bricktwin.twin.engines.mujoco_engine import MujocoEngine
 from bricktwin.twin.models.turning_parts import TurningParts
 from bricktwin.twin.mujoco_body import MujocoBody
 from bricktwin.view.drawing_of_body import (
@@ -56,7 +57,12 @@ def drawing_of(body: MujocoBody) -> Drawing:
 
     Its bodies are those of the model that have any, by their numbers there.
     """
-    model = body.model
+    return drawing_of_model(body.engine)
+
+
+def drawing_of_model(engine: MujocoEngine) -> Drawing:
+    """The same of a model, which may have no robot."""
+    model = engine.model
     shapes_of: dict[int, list[Shape]] = {}
     meshes: dict[int, Mesh] = {}
     for geom in range(model.ngeom):
@@ -83,7 +89,7 @@ def drawing_of(body: MujocoBody) -> Drawing:
     for number in numbers:
         drawn = DrawnBody(model.body(number).name, tuple(shapes_of[number]), number)
         bodies.append(drawn)
-    spinners, rods = _turning(body)
+    spinners, rods = _turning(engine)
     return Drawing(
         tuple(bodies),
         view=view,
@@ -173,10 +179,10 @@ def _picture(model: mujoco.MjModel, material: int) -> bytes | None:
     return file.getvalue()
 
 
-def _turning(body: MujocoBody) -> tuple[tuple[Spinner, ...], tuple[Rod, ...]]:
+def _turning(engine: MujocoEngine) -> tuple[tuple[Spinner, ...], tuple[Rod, ...]]:
     """What a model does not turn itself."""
-    model = body.model
-    parts = TurningParts(body.engine)
+    model = engine.model
+    parts = TurningParts(engine)
     spinners = []
     for part in parts.spinners:
         spinner = Spinner(

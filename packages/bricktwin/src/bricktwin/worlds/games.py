@@ -22,7 +22,8 @@ _TABLE_WALL_WIDTH_MM = 38.0
 def sumo() -> Scene:
     """A sumo ring, black with a white border, and an opponent of 500 g who does not move.
 
-    The ring lies on the floor; a real one is 25 mm high. A robot starts behind its starting line.
+    The ring lies on the floor; a real one is 25 mm high. A robot starts behind its starting line; a
+    second one takes the opponent's place, and looks at the first.
     """
     inner_mm = DOHYO_MM - 2 * BORDER_MM
     return Scene(
@@ -50,13 +51,15 @@ def sumo() -> Scene:
             ),
         ),
         start_mm=((-170.0, -170.0), (0.0, 0.0)),
+        others_start=((170.0, 0.0, 180.0),),
     )
 
 
 def football() -> Scene:
     """A football field with two goals, and a ball in the middle that rolls.
 
-    A robot starts in its half and looks at the goal in the east.
+    A robot starts in its half and looks at the goal in the east; a second one in the other half,
+    two more behind them.
     """
     length_mm, width_mm = FIELD_MM
     east = length_mm / 2
@@ -85,7 +88,11 @@ def football() -> Scene:
             objects.append(_field_wall((x, end), (x, outer)))
             objects.append(_field_wall((x, end), (back, end)))
     objects.append(Ball((0.0, 0.0), spread_mm=(0.0, 30.0)))
-    return Scene(objects=tuple(objects), start_mm=((-500.0, -500.0), (0.0, 0.0)))
+    return Scene(
+        objects=tuple(objects),
+        start_mm=((-500.0, -500.0), (0.0, 0.0)),
+        others_start=((500.0, 0.0, 180.0), (-650.0, 300.0, 0.0), (650.0, -300.0, 180.0)),
+    )
 
 
 def _field_wall(start: Point, end: Point) -> Wall:

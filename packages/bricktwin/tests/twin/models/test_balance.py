@@ -138,3 +138,9 @@ def test_what_is_said_names_side_and_remedy() -> None:
     assert str(replace(STANDS, inside_mm=12.0)) == (
         "its centre of mass is 60 mm high, 12 mm inside of its feet"
     )
+
+
+def test_robot_whose_mass_is_above_the_edge_is_not_beyond_it() -> None:
+    above = replace(STANDS, inside_mm=0.2, tilt_deg=16.0)
+    assert above.fault is not None
+    assert "60 mm high, is right above the edge of its feet; move the hub" in above.fault

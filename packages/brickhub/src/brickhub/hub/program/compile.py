@@ -21,7 +21,8 @@ MAIN_MODULE = "__main__"
 
 def cross_compile(source: str, name: str) -> tuple[bytes | None, str]:
     """The program as ``.mpy`` version 6, and what the compiler reports. ``name`` is the file name
-    that tracebacks show. Raises ProgramError if the compiler could not be run."""
+    that tracebacks show. Raises ProgramError if the compiler could not be run, or has no memory for
+    so large a program."""
     try:
         process, mpy = mpy_cross_compile(name, source, extra_args=[_SMALL_INT_BITS])
     except OSError as error:
@@ -29,6 +30,11 @@ def cross_compile(source: str, name: str) -> tuple[bytes | None, str]:
             f"the compiler mpy-cross could not be run ({error}); reinstall mpy-cross-v6"
         ) from error
     report = process.stderr.decode("utf-8", "replace").strip()
+    if mpy is None and "MemoryError" in report:
+        raise ProgramError(
+            f"{name} is too large for the compiler mpy-cross; put parts of it into modules beside "
+            "it, or make it shorter"
+        )
     # A compiler that has crashed says nothing itself.
     return mpy, report or f"mpy-cross ended with status {process.returncode}"
 

@@ -83,6 +83,20 @@ _ATTRIBUTES = {
     "set_dc_settings": "settings(max_voltage), in mV",
 }
 """Methods that Pybricks 4 has nowhere."""
+_NO_FILES = "the brick has no files; print() sends lines to the computer, which can keep them"
+_OLD_BRICK_PARTS = {
+    "sound": "ev3.speaker",
+    "display": "ev3.screen",
+    "light": "ev3.light.on(color) and ev3.light.off()",
+    "buttons": "ev3.buttons.pressed()",
+    "battery": "ev3.battery",
+}
+"""Parts of the module ``ev3brick`` of Pybricks 1."""
+_OWNED_ATTRIBUTES = {
+    ("Color", "PURPLE"): "Color.VIOLET or Color.MAGENTA",
+    ("screen", "save"): _NO_FILES,
+}
+"""Attributes that other objects may have, by what they are attributes of."""
 _STOPS = "stop() takes nothing; brake() and hold() are methods too"
 
 
@@ -172,17 +186,36 @@ def _imports(
 
 
 def _uses(tree: ast.AST) -> Iterator[_Line]:
+    old_bricks = set(_names_of_old_brick(tree))
     for node in ast.walk(tree):
         if isinstance(node, ast.Attribute):
-            yield from _attribute(node)
+            yield from _attribute(node, old_bricks)
         elif isinstance(node, ast.Call):
             yield from _call(node)
+        elif isinstance(node, ast.Subscript):
+            yield from _subscript(node)
 
 
-def _attribute(node: ast.Attribute) -> Iterator[_Line]:
+def _names_of_old_brick(tree: ast.AST) -> Iterator[str]:
+    """Names by which a program calls the module ``ev3brick``."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ImportFrom) and node.module == "pybricks":
+            for alias in node.names:
+                if alias.name == "ev3brick":
+                    yield alias.asname or alias.name
+
+
+def _attribute(node: ast.Attribute, old_bricks: set[str]) -> Iterator[_Line]:
     if node.attr in _ATTRIBUTES:
         yield node.lineno, node.attr, _ATTRIBUTES[node.attr]
     owner = node.value.id if isinstance(node.value, ast.Name) else ""
+    if owner in old_bricks and node.attr in _OLD_BRICK_PARTS:
+        yield node.lineno, f"{owner}.{node.attr}", _OLD_BRICK_PARTS[node.attr]
+    if isinstance(node.value, ast.Attribute):
+        owner = node.value.attr
+    instead = _OWNED_ATTRIBUTES.get((owner, node.attr))
+    if instead is not None:
+        yield node.lineno, f"{owner}.{node.attr}", instead
     if owner in ("ImageFile", "SoundFile"):
         instead = _PICTURES if owner == "ImageFile" else _SOUNDS
         yield node.lineno, f"{owner}.{node.attr}", instead
@@ -193,6 +226,8 @@ def _call(node: ast.Call) -> Iterator[_Line]:
     first = node.args[0] if node.args else None
     if isinstance(called, ast.Name) and called.id == "Font":
         yield node.lineno, "Font(...)", "Font.DEFAULT and three more are all fonts that there are"
+    if isinstance(called, ast.Name) and called.id == "open":
+        yield node.lineno, "open", _NO_FILES
     if not isinstance(called, ast.Attribute):
         return
     if called.attr == "stop" and _is_of(first, "Stop"):
@@ -200,6 +235,12 @@ def _call(node: ast.Call) -> Iterator[_Line]:
     is_file = isinstance(first, ast.Constant) and isinstance(first.value, str)
     if called.attr == "load_image" and is_file:
         yield node.lineno, "load_image of a file", _PICTURES
+
+
+def _subscript(node: ast.Subscript) -> Iterator[_Line]:
+    called = node.value.func if isinstance(node.value, ast.Call) else None
+    if isinstance(called, ast.Attribute) and called.attr == "pressed":
+        yield node.lineno, "pressed()[...]", "a set has no order: Button.X in pressed()"
 
 
 def _is_of(node: ast.expr | None, owner: str) -> bool:

@@ -259,7 +259,8 @@ class UsbTransport(ProfileTransport):
         if len(hubs) > 1:
             ports = ", ".join(hub.device for hub in hubs)
             raise errors.AmbiguousHubError(
-                f"several hubs are on USB: {ports}; say which one by its port"
+                f"several hubs are on USB: {ports}; say which one by its port, such as "
+                f"usb:{hubs[0].device}"
             )
         return UsbPort(hubs[0], self._open_serial)
 

@@ -4,7 +4,8 @@
 # --- the hub's part ---
 
 
-def follow_edge(reflection_pct, edge_pct, gain, top_deg_s):
-    """Share of the fastest turn: so many deg/s for each percent that is brighter than the edge."""
-    share = gain * (reflection_pct - edge_pct) / top_deg_s
+def follow_edge(reflection_pct, edge_pct, gain, top_deg_s, back_deg_s=0.0):
+    """Share of the fastest turn: so many deg/s for each percent that is brighter than the edge, and
+    so many more."""
+    share = (gain * (reflection_pct - edge_pct) + back_deg_s) / top_deg_s
     return max(-1.0, min(1.0, share))

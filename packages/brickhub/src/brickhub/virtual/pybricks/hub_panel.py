@@ -85,9 +85,14 @@ class ColorLight(Native):
         """Show a color, and return for how long, as the panel asks of a step of an animation."""
         light = None
         if color is not None and color.v > 0:
-            light = (color.h, color.s, color.v)
+            light = self._lit((color.h, color.s, color.v))
         self._machine.panel.change(light=light)
         return duration_ms
+
+    @staticmethod
+    def _lit(light: tuple[int, int, int]) -> tuple[int, int, int] | None:
+        """What the lamps show of a color; ``None`` for nothing."""
+        return light
 
     def _show(self, color: Any) -> None:
         expect_type(color, Color)

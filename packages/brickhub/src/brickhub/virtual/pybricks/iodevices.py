@@ -160,7 +160,9 @@ class PUPDevice(Device):
 
 
 def _device_id(machine: Machine, port: str) -> int | None:
-    """Number of the kind of device on a port; ``None`` if there is none."""
+    """Number of the kind of device on a port; ``None`` if there is none, or it is the user's."""
+    if port in machine.own_devices:
+        return None
     for device in (*machine.robot.motors, *machine.robot.sensors):
         if device.port == port:
             return device.kind.model.device_id

@@ -62,6 +62,9 @@ class Device(Native):
 
     def _is_plugged_in(self) -> bool:
         self._device_modes = SENSOR_MODES[self._kind]
+        # One of the user's own is there in place of a sensor.
+        if self._letter in self._machine.own_devices:
+            return False
         if self._machine.plug_in(self._letter, self._kind.value):
             return True
         for sensor in self._machine.robot.sensors:

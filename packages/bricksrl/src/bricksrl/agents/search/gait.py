@@ -40,7 +40,8 @@ class GaitSettings:
 
     structure: Annotated[str, NotCode(tuple(STRUCTURES))] = ""
     """oscillators (legs held at phases), approach (a speed by a distance), upright (two wheels in
-    balance), linear (feedback), or FILE.py:NAME; by default oscillators where there are legs."""
+    balance), edge (of a line), linear (feedback), or FILE.py:NAME; by default oscillators where
+    there are legs."""
     trial_steps: Annotated[int, Range(1)] = 10
     """Steps of a trial."""
     settle_steps: Annotated[int, NotNegative] = 3

@@ -15,7 +15,8 @@ from torchrl.envs import EnvBase
 from torchrl.envs.utils import ExplorationType, exploration_type
 
 from brickhub.entry import Entry
-from brickhub.search import approach, oscillators, upright
+from brickhub.robot.line_edge import LINE_EDGES, edge_of
+from brickhub.search import approach, edge, oscillators, upright
 from brickhub.search.oscillators import TURN_DEG
 from brickhub.search.structure import HubStructure
 from brickhub.user_files import is_reference, load_object
@@ -141,6 +142,42 @@ class Upright(nn.Module):
         return share.expand(*share.shape[:-1], 2)
 
 
+class Edge(nn.Module):
+    """Following the edge of a line: `brickhub.search.edge` for batches.
+
+    Args:
+        single: the same for one robot.
+
+    Attributes:
+        needs_hub: that a turn of a robot that sees far ahead takes its sensor off the edge sooner
+            than an exchange with its hub takes.
+    """
+
+    needs_hub = True
+
+    def __init__(self, single: edge.EdgeFollowing) -> None:
+        super().__init__()
+        self.single = single
+        self.numbers = single.numbers
+
+    def forward(
+        self,
+        observation: Tensor,
+        numbers: Tensor,
+    ) -> Tensor:
+        speed_mm_s = numbers[..., :1]
+        gain = numbers[..., 1:2]
+        off_pct = observation[..., :1] - self.single.edge_pct
+        speed = (speed_mm_s - self.single.middle_mm_s) / self.single.half_mm_s
+        turn_deg_s = gain * off_pct
+        if self.single.yaw_rate is not None:
+            yaw_deg_s = observation[..., self.single.yaw_rate : self.single.yaw_rate + 1]
+            turn_deg_s = turn_deg_s + numbers[..., 2:] * yaw_deg_s
+        turn = turn_deg_s / self.single.top_deg_s
+        # What all robots of a batch share has one row.
+        return torch.cat((speed.expand_as(turn), turn), -1)
+
+
 def _constant(values: Sequence[float]) -> nn.Buffer:
     """A tensor that moves with its module and is not in its state."""
     return nn.Buffer(torch.tensor(values), persistent=False)
@@ -184,6 +221,21 @@ def make_upright(env: EnvBase) -> Upright:
     if task is None or not is_plain:
         raise DescriptionError("keeping upright is learned on a robot itself, without transforms")
     return Upright(upright.upright(task.interface))
+
+
+def make_edge(env: EnvBase) -> Edge:
+    """Following the left edge of a line, for an environment with a speed and a turn rate to command
+    and a reflection to observe. Raises DescriptionError for any other."""
+    task = interface_of(env).task
+    is_plain = layout_of(env).keys == ["observation"] and keeps_actions(env)
+    if task is None or not is_plain:
+        raise DescriptionError("an edge is followed on a robot itself, without transforms")
+    light = getattr(task.interface.channels[0], "sensor", "")
+    kinds = {sensor.name: sensor.kind for sensor in task.robot.sensors}
+    if kinds.get(light) not in LINE_EDGES:
+        raise DescriptionError("who follows an edge observes the reflection of a line first")
+    edge_pct = edge_of(task.robot, light).edge_pct
+    return Edge(edge.edge_following(task.interface, edge_pct, side="left"))
 
 
 class Linear(nn.Module):
@@ -230,6 +282,7 @@ STRUCTURES: dict[str, Callable[[EnvBase], Structure]] = {
     "oscillators": make_oscillators,
     "approach": make_approach,
     "upright": make_upright,
+    "edge": make_edge,
     "linear": linear,
 }
 """Structures by name."""

@@ -7,6 +7,10 @@ from bricksrl.envs.task import Task
 from bricktwin.robots.as_drawn import DrawnRobot
 
 
+def _nothing(_drawn: DrawnRobot) -> str:
+    return ""
+
+
 @dataclass(frozen=True)
 class Ability:
     """Something to learn.
@@ -18,6 +22,8 @@ class Ability:
             that cannot learn it.
         agent: what learns it best.
         episodes: of a training run.
+        remark: on the robot that learns it, in a clause: what of its drawing makes it hard, or
+            other than expected; "" for nothing.
     """
 
     name: str
@@ -25,3 +31,4 @@ class Ability:
     task: Callable[[DrawnRobot], Task]
     agent: str = "sac"
     episodes: int = 30
+    remark: Callable[[DrawnRobot], str] = _nothing

@@ -29,14 +29,21 @@ from bricktwin.plans.planned_robot import planned_robot
 from bricktwin.robots.as_drawn import DrawnRobot
 from bricktwin.twin.models.balance import lean_on_one_axle_deg
 from bricktwin.twin.mujoco_body import MujocoBody
+from bricktwin.twin.objects import Line
 from bricktwin.twin.physics import Physics
 from bricktwin.twin.scene import OPEN_FLOOR, Scene
+from bricktwin.twin.senses import spot_mm
 
 _LENGTH_MM = 100.0
 """Longest way of a step of a robot that drives without a drive base, as that of RunAway-v0."""
 _TURNS_DEG_S = 500
 _SEES_FLOOR_MM = 24.0
 """Height of a color sensor up to which LEGO's tell a line from the floor."""
+_NEAR_MM = 8.0
+"""Nearer to the axle, not even the slowest robot finds back to the edge before it has left it."""
+_SWING_DEG = 3.0
+"""Turn that the lag and the play of motors make a robot swing by: one that such a turn takes off
+the edge loses it again and again."""
 _START_MM = (5.0, 2.0)
 """The sensor starts at the line's edge: so far off at most, along and across it."""
 _STOP_STEPS = 40
@@ -107,14 +114,22 @@ def follow_line(drawn: DrawnRobot) -> Task:
     light = drawn.sensor_looking(Sense.SURFACE, "down")
     if light is None:
         raise DescriptionError("no color sensor looks down at a line")
-    # A body that was just made stands at the origin.
-    body = MujocoBody(drawn.robot, OPEN_FLOOR, Physics(), 0)
-    ahead_mm, left_mm, above_mm = body.sensor_place_mm(light)
+    ahead_mm, left_mm, above_mm = _place_mm(drawn, light)
     if above_mm > _SEES_FLOOR_MM:
         raise DescriptionError(
             f"its color sensor '{light}' is {above_mm:.0f} mm above the floor, too high to see a "
             f"line; let it look from {_SEES_FLOOR_MM:.0f} mm or less"
         )
+    interface = interface_on(LINE_FOLLOW.interface, drawn.robot, {"light": light})
+    objects = LINE_FOLLOW.scene.objects
+    is_backwards = ahead_mm < 0.0
+    # A turn towards the line takes a sensor that goes behind the wheels away from it. It goes ahead
+    # of them where the robot drives backwards.
+    if is_backwards:
+        speed, turn = interface.commands
+        assert isinstance(speed, DriveSpeed)  # noqa: S101
+        interface = replace(interface, commands=(DriveSpeed(-speed.high, -speed.low), turn))
+        objects = tuple(_turned_round(line) for line in objects if isinstance(line, Line))
     along_mm, across_mm = _START_MM
     scene = replace(
         LINE_FOLLOW.scene,
@@ -122,15 +137,57 @@ def follow_line(drawn: DrawnRobot) -> Task:
             (-ahead_mm - along_mm, -ahead_mm + along_mm),
             (-left_mm - across_mm, -left_mm + across_mm),
         ),
+        objects=objects,
     )
+    how = ", backwards" if is_backwards else ""
     return replace(
-        as_seen_by(LINE_FOLLOW, edge_of(drawn.robot, light)),
+        as_seen_by(LINE_FOLLOW, edge_of(drawn.robot, light), is_backwards=is_backwards),
         id="Line-v0",
-        doc=f"{drawn.robot.name} follows the left edge of a black line, clockwise.",
+        doc=f"{drawn.robot.name} follows the left edge of a black line, clockwise{how}.",
         robot=drawn.robot,
-        interface=interface_on(LINE_FOLLOW.interface, drawn.robot, {"light": light}),
+        interface=interface,
         scene=scene,
+        # A trial is a whole episode: the next one begins at the line again.
+        settings={
+            "structure": "edge",
+            "trial_steps": LINE_FOLLOW.max_steps,
+            "settle_steps": 0,
+        },
     )
+
+
+def _turned_round(line: Line) -> Line:
+    """A line half a turn about the origin."""
+    return replace(line, points_mm=tuple((-x_mm, -y_mm) for x_mm, y_mm in line.points_mm))
+
+
+def remark_on_line(drawn: DrawnRobot) -> str:
+    """What the place of the color sensor of a robot that can follow a line makes of that, in a
+    clause; "" for nothing."""
+    light = drawn.sensor_looking(Sense.SURFACE, "down")
+    if light is None:
+        return ""
+    ahead_mm, _, above_mm = _place_mm(drawn, light)
+    where = "behind" if ahead_mm < 0.0 else "ahead of"
+    place = f"its color sensor is {abs(ahead_mm):.0f} mm {where} its wheels"
+    if abs(ahead_mm) < _NEAR_MM:
+        return f"hard, as {place}, where turns hardly move it; put it 20 to 100 mm ahead of them"
+    farthest_mm = spot_mm(above_mm) / math.tan(math.radians(_SWING_DEG))
+    if abs(ahead_mm) > farthest_mm:
+        return (
+            f"hard, as {place} and {above_mm:.0f} mm above the floor, where small turns take it "
+            f"off the edge; put it at most {farthest_mm:.0f} mm ahead of them, or higher"
+        )
+    if ahead_mm < 0.0:
+        return f"backwards, as {place}; put it ahead of them to see it drive forwards"
+    return ""
+
+
+def _place_mm(drawn: DrawnRobot, sensor: str) -> tuple[float, float, float]:
+    """Where a sensor's eye is: ahead of the wheels, to the left of their middle, above the
+    floor."""
+    # A body that was just made stands at the origin.
+    return MujocoBody(drawn.robot, OPEN_FLOOR, Physics(), 0).sensor_place_mm(sensor)
 
 
 def park(drawn: DrawnRobot) -> Task:

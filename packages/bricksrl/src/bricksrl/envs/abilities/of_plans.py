@@ -10,6 +10,7 @@ from bricksrl.envs.abilities.driving import (
     drive_away,
     follow_line,
     park,
+    remark_on_line,
     spin,
     stop_before_wall,
 )
@@ -60,7 +61,9 @@ ABILITIES = {
             "line",
             "follow the edge of a line",
             follow_line,
-            episodes=60,
+            agent="gait",
+            episodes=30,
+            remark=remark_on_line,
         ),
         Ability(
             "park",
@@ -94,11 +97,13 @@ class Offer:
     Attributes:
         task: how it learns that; ``None`` if it cannot.
         reason: why not; "" if it can.
+        remark: what to know before it does, in a clause; "" for nothing.
     """
 
     ability: Ability
     task: Task | None
     reason: str = ""
+    remark: str = ""
 
 
 def offers(drawn: DrawnRobot) -> list[Offer]:
@@ -109,7 +114,8 @@ def offers(drawn: DrawnRobot) -> list[Offer]:
     found: list[Offer] = []
     for ability in ABILITIES.values():
         try:
-            found.append(Offer(ability, ability.task(drawn)))
+            task = ability.task(drawn)
+            found.append(Offer(ability, task, remark=ability.remark(drawn)))
         except DescriptionError as error:
             found.append(Offer(ability, None, str(error)))
     return found

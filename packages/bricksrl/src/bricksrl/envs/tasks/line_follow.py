@@ -106,9 +106,12 @@ class FollowedEdge:
 
     Attributes:
         line_edge: the edge as the robot's color sensor reads it.
+        is_backwards: whether the robot drives backwards, so that its highest speed is the action
+            -1.
     """
 
     line_edge: LineEdge
+    is_backwards: bool = False
 
     def _off_pct(self, observation: Tensor) -> Tensor:
         return (observation[..., :1] - self.line_edge.edge_pct).abs()
@@ -122,6 +125,8 @@ class FollowedEdge:
         """Nearness to the edge times a share of the speed, or the turn towards it where it is lost;
         ``[*batch, 1]``."""
         speed = action[..., :1]
+        if self.is_backwards:
+            speed = -speed
         turn = action[..., 1:2]
         off_pct = self._off_pct(observation)
         near = (1.0 - off_pct / self.line_edge.bare_pct).clamp(min=0.0)
@@ -153,9 +158,14 @@ class FollowedEdge:
         }
 
 
-def as_seen_by(task: Task, line_edge: LineEdge) -> Task:
-    """The task with the readings of another color sensor."""
-    edge = FollowedEdge(line_edge)
+def as_seen_by(
+    task: Task,
+    line_edge: LineEdge,
+    *,
+    is_backwards: bool = False,
+) -> Task:
+    """The task with the readings of another color sensor, or of a robot that drives backwards."""
+    edge = FollowedEdge(line_edge, is_backwards)
     return replace(task, reward=edge.reward, success=edge.success, metrics=edge.metrics)
 
 

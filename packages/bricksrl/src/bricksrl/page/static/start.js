@@ -73,6 +73,8 @@ function showDrawings() {
     const can = found.abilities.filter(({ reason }) => !reason), cannot = found.abilities.filter(({ reason }) => reason);
     const row = element("div", { className: "row" }, ...can.map((ability) => starter(`Teach it to ${ability.sentence}`, "teach", `${name}:${ability.name}`)));
     if (can.length) row.firstChild.className = "main";
+    const remarks = can.filter(({ remark }) => remark).map(({ sentence, remark }) => `${sentence}: ${remark}`).join("\n");
+    if (remarks) item.append(element("small", { className: "found", textContent: remarks }));
     const reasons = cannot.map(({ sentence, reason }) => `${sentence}: ${reason}`).join("\n");
     item.append(row, element("details", {}, element("summary", { textContent: "What it cannot learn, and why" }), element("small", { className: "found", textContent: reasons })));
   });

@@ -50,13 +50,16 @@ export class Board {
   // The kind of hub that a program imports.
   take(source) {
     const names = /from\s+pybricks\.hubs\s+import\s+([\w, ]+)/.exec(source)?.[1].split(/\s*,\s*/) ?? [];
-    const name = names.find((name) => this.hubs[name]) ?? "PrimeHub", hub = this.hubs[name];
+    const usual = /^\s*(from|import)\s+pybricks\.(ev3|nxt)devices\b/m.test(source) ? "EV3Brick" : "PrimeHub";
+    const name = names.find((name) => this.hubs[name]) ?? usual, hub = this.hubs[name];
     this.element.dataset.hub = name;
     this.element.querySelector(".kind").textContent = name;
     this.display.hidden = !hub.display;
     this.screen.hidden = !hub.screen;
     if (hub.screen) [this.screen.width, this.screen.height] = hub.screen;
     this.element.querySelectorAll("[data-button]").forEach((button) => (button.hidden = !hub.buttons.includes(button.dataset.button)));
+    const stops = hub.buttons.includes("left_up") ? "" : ", which stops the program";
+    this.element.querySelector('[data-button="center"]').ariaLabel = `Center button${stops}`;
   }
 
   // The screen of a brick: base64 of its shades; empty for nothing.

@@ -28,8 +28,10 @@ export class Gatt {
     return Boolean(this.device?.gatt.connected);
   }
 
+  // What was in flight may never have an answer of the browser's, or a late one, which nobody hears any more.
   lose() {
     this.characteristics = null;
+    this.giveUp("the link is lost", ({ request }) => request.operation !== "connect");
     this.on.lost();
   }
 
@@ -58,12 +60,17 @@ export class Gatt {
 
   // Give up all that waits, also what a browser never answers.
   async close() {
-    const given = [this.atWork, ...this.waiting];
-    this.atWork = null;
-    this.waiting = [];
-    for (const entry of given) entry?.resolve({ error: "NetworkError", message: "the connection was given up" });
+    this.giveUp("the connection was given up", () => true);
     this.device?.gatt.disconnect();
     return {};
+  }
+
+  giveUp(message, isGiven) {
+    const given = [this.atWork, ...this.waiting].filter((entry) => entry && isGiven(entry));
+    if (given.includes(this.atWork)) this.atWork = null;
+    this.waiting = this.waiting.filter((entry) => !given.includes(entry));
+    for (const { resolve } of given) resolve({ error: "NetworkError", message });
+    this.work();
   }
 
   async perform({ operation, characteristic, data }) {

@@ -89,6 +89,7 @@ async function begin() {
   if (isNew || linked) Object.assign(programs, { robot: first.robot, world: first.world });
   // Who follows a link sees what it is for, on a hub alone.
   if (isNew || location.hash) programs.hubs = [];
+  const partner = linked && hub.hasWayIn && partnerOf(linked);
   room = new Room(byId("hubs"), {
     hub, programs, together,
     on: {
@@ -108,6 +109,7 @@ async function begin() {
       },
     },
   });
+  if (partner) room.seat(addPair(linked, partner), linked.robot, linked.world);
   const shown = room.isShared ? stage.chooseTogether(room.world, programs.robot) : stage.choose(programs.robot, programs.world);
   const [names, devices, { Editor }] = await Promise.all([json("pybricks.json"), json("devices.json"), import("./editor.js")]);
   await shown;
@@ -195,7 +197,7 @@ async function begin() {
     board.sound.allow();
     player.clear(room.widthOf(stage.width));
     state.set("running");
-    if (room.isShared) room.run({ robot: stage.file, readings: room.seats.map((_, number) => bench.settingsOf(number)), ...toRun() }, stage.width);
+    if (room.isShared) room.run({ robot: stage.file, picture: stage.picture, readings: room.seats.map((_, number) => bench.settingsOf(number)), ...toRun() }, stage.width);
     else hub.run({ robot: stage.file, picture: stage.picture, readings: bench.settings, ...toRun() });
     player.begin();
     setPaused(false);
@@ -230,13 +232,13 @@ async function begin() {
   async function chooseRobot(robot, world, picture = null) {
     stop();
     teach.offer(null);
-    const refused = room.isShared ? room.choose(robot) : "";
+    const refused = room.isShared ? room.choose(robot, world) : "";
     if (!room.isShared) Object.assign(programs, { robot, world });
     note(refused);
     programs.keep();
     player.clear(ROW);
     try {
-      if (room.isShared) await stage.chooseTogether(room.world, programs.robot);
+      if (room.isShared) await stage.chooseTogether(room.world, programs.robot, picture);
       else await stage.choose(robot, world, picture);
       teach.offer(stage.lesson);
     } catch (error) {
@@ -296,13 +298,30 @@ async function begin() {
     if (state.isRunning) state.set(isPaused ? "paused" : "running");
   }
 
-  // An example brings the robot that it is for.
-  function takeExample({ name, source, robot, world, partner }) {
-    const other = hub.hasWayIn && examples.find((one) => one.name === partner);
-    if (other) programs.add(other.name, other.source);
-    const otherName = programs.current;
+  // What another hub runs beside an example.
+  function partnerOf({ partner }) {
+    return examples.find(({ name }) => name === partner) ?? null;
+  }
+
+  // Keep the programs of two hubs; returns their names.
+  function addPair(...pair) {
+    return pair.map((example) => {
+      addExample(example);
+      return programs.current;
+    });
+  }
+
+  // Keep an example, with the files of its devices; one that is there already may have been changed.
+  function addExample({ name, source, files }) {
+    for (const [file, text] of Object.entries(files)) if (!(file in programs.files)) programs.add(file, text);
     programs.add(name, source);
-    if (other) return void room.open([programs.current, otherName], robot);
+  }
+
+  // An example brings the robot that it is for.
+  function takeExample(example) {
+    const { robot, world } = example, other = hub.hasWayIn && partnerOf(example);
+    if (other) return void room.open(addPair(example, other), robot, world);
+    addExample(example);
     showProgram();
     if (robots.some((one) => one.name === robot) || robot === "bench") chooseRobot(robot, world ?? "");
   }
@@ -443,7 +462,7 @@ async function begin() {
     programs.add(shared.name ?? "shared.py", shared.source);
     history.replaceState(null, "", location.pathname + location.search);
     if (shared.robot) chooseRobot(shared.robot, shared.world ?? "");
-  } else if (isNew || linked) programs.add(first.name, first.source);
+  } else if ((isNew || linked) && !partner) addExample(first);
   showProgram();
   if (!hub.hasWayIn) note.standing = "This browser, or the address (it needs https), gives no way into a running program: sliders and buttons act from the next run on.";
   note(shared ? "This program came with the link. Look at it, then press Run." : "");

@@ -4,9 +4,10 @@
 import { make } from "./bench.js";
 import { Hub } from "./hub.js";
 import { Mailbox } from "./mailbox.js";
+import { COLOURS } from "./together.js";
 
 const BENCH = "bench", ROW = 8, STEP_MS = 5, REFUSED_CODE = 2, MOST = 4, RING_BYTES = 1 << 20;
-const COLOURS = ["#199999", "#e6801a"]; // of the discs on the robots' hubs
+const ALONE = "This robot is alone: it stands on a fixed base, has no Bluetooth, or a hand holds it. Remove the other hubs first.";
 
 export class Room {
   // `hub`: the first one. `programs`: of the user. `together`: together.json. `on`: ready(), selected(), changed(), happened(events,
@@ -39,16 +40,16 @@ export class Room {
     return this.hubs.every((hub) => hub.isReady);
   }
 
-  // Robots that share a world: file, files of their meshes, and the number in the file of each hub's robot; null for benches.
+  // Robots that share a world: the files of each hub's robot, the world, and all worlds that there are; null for benches.
   get world() {
-    const robots = this.seats.map(({ robot }) => robot), [first, second] = robots;
-    if (robots.length !== 2 || first === BENCH) return null;
-    const found = this.pair(first, second);
-    return found && { ...found, order: found.robots[0] === first ? [0, 1] : [1, 0] };
+    if (!this.isShared || !this.seats.every(({ robot }) => this.canShare(robot))) return null;
+    const { robots, worlds } = this.together, fitting = worlds.filter(({ most }) => most >= this.seats.length);
+    const world = fitting.find(({ name }) => name === this.programs.world) ?? fitting[0];
+    return { robots: this.seats.map(({ robot }) => robots[robot]), world, worlds: fitting };
   }
 
-  pair(first, second) {
-    return this.together.find(({ robots: [one, other] }) => (one === first && other === second) || (one === second && other === first));
+  canShare(robot) {
+    return robot in this.together.robots;
   }
 
   // ---------------------------------------------------------------- hubs
@@ -57,22 +58,28 @@ export class Room {
     if (!this.hubs[0].hasWayIn) return this.on.note("Several hubs need memory that they share, and this browser, or the address (it needs https), gives none.");
     const { programs } = this;
     if (!this.isShared) programs.hubs = [{ program: programs.current, robot: programs.robot }];
-    const { robot } = this.seats[0], isPair = this.seats.length === 1 && this.pair(robot, robot);
-    if (!isPair) this.seats.forEach((seat) => (seat.robot = BENCH));
-    this.seats.push({ program: programs.current, robot: isPair ? robot : BENCH });
+    const { robot } = this.seats[0], isAlone = robot !== BENCH && !this.canShare(robot);
+    if (isAlone) this.seats.forEach((seat) => (seat.robot = BENCH));
+    this.seats.push({ program: programs.current, robot: isAlone ? BENCH : robot });
     this.addHub();
-    this.on.changed();
     this.select(this.seats.length - 1);
+    this.on.changed();
+    if (isAlone) this.on.note("This robot is alone in its world, so that each hub has a bench now.");
   }
 
-  // Programs, on a hub each; with robots of that name if they share a world.
-  open(names, robot) {
-    const given = names.length === 2 && this.pair(robot, robot) ? robot : BENCH;
-    this.programs.hubs = names.map((program) => ({ program, robot: given }));
-    while (this.hubs.length < names.length) this.addHub();
-    while (this.hubs.length > names.length) this.hubs.pop().leave();
+  // Programs, on a hub each; with robots of that name if these share a world.
+  open(names, robot, world) {
+    this.seat(names, robot, world);
     this.select(0);
     this.on.changed();
+  }
+
+  seat(names, robot, world) {
+    const given = this.canShare(robot) ? robot : BENCH;
+    Object.assign(this.programs, { hubs: names.map((program) => ({ program, robot: given })), hub: 0, current: names[0], robot: given, world });
+    while (this.hubs.length < names.length) this.addHub();
+    while (this.hubs.length > names.length) this.hubs.pop().leave();
+    this.show();
   }
 
   addHub() {
@@ -91,7 +98,7 @@ export class Room {
     // The worker of the last one goes: workers are of no program in particular.
     this.hubs.pop().leave();
     const [{ program, robot }] = this.seats;
-    Object.assign(this.programs, { current: program, robot });
+    Object.assign(this.programs, { current: program, robot, hub: 0 });
     if (!this.isShared) this.programs.hubs = [];
     this.on.changed();
     this.select(0);
@@ -115,26 +122,28 @@ export class Room {
     this.show();
   }
 
-  // The selected hub gets another robot: all are on benches, or two robots share a world. Returns why not.
-  choose(robot) {
-    const seat = this.seats[this.selected], others = this.seats.filter((one) => one !== seat);
-    if (robot === BENCH) this.seats.forEach((one) => (one.robot = BENCH));
-    else if (others.length > 1) return "Two robots share a world; three hubs and more have a bench each.";
-    else if (!this.pair(robot, robot)) return "This robot is alone: it stands on a fixed base, or has no Bluetooth. Remove the other hub first.";
-    else {
-      seat.robot = robot;
-      if (!this.pair(robot, others[0].robot)) others[0].robot = robot;
-    }
-    this.programs.robot = seat.robot;
+  // The selected hub gets another robot, and all of them another world, if one is named: all are on benches, or all robots share a world.
+  // Returns what could not be done.
+  choose(robot, world) {
+    const seat = this.seats[this.selected];
+    if (robot !== BENCH && !this.canShare(robot)) return ALONE;
+    seat.robot = robot;
+    // Who has a bench gets the same robot, and nobody has one if this hub gets a bench.
+    for (const one of this.seats) if (robot === BENCH || one.robot === BENCH) one.robot = robot;
+    this.programs.robot = robot;
+    const wanted = world || this.programs.world;
+    this.programs.world = wanted;
+    this.programs.world = this.world?.world.name ?? "";
     this.show();
-    return "";
+    const isOther = this.world && wanted && wanted !== this.programs.world;
+    return isOther ? `There is no ${wanted.replaceAll("-", " ")} for ${this.seats.length} robots: it has no room for them, or is made for one robot alone.` : "";
   }
 
   show() {
-    const order = this.world?.order;
+    const isWorld = Boolean(this.world);
     const tabs = this.seats.map(({ program }, number) => {
-      const dot = make("i", { className: "dot", hidden: !order });
-      if (order) dot.style.background = COLOURS[order[number]];
+      const dot = make("i", { className: "dot", hidden: !isWorld });
+      if (isWorld) dot.style.background = `rgb(${COLOURS[number].map((share) => Math.round(255 * share))})`;
       const tab = make("button", { type: "button", role: "tab", onclick: () => this.select(number) }, dot, `Hub ${number + 1}: ${program}`);
       tab.setAttribute("aria-selected", number === this.selected);
       return tab;
@@ -174,10 +183,9 @@ export class Room {
     this.last = programs.map(() => new Float32Array(ROW).fill(NaN));
     this.lastPoses = new Float32Array(poses);
     this.isRunning = true;
-    const order = this.world?.order ?? null;
     programs.forEach((name, number) => {
       const told = boxes[number].filter((_, other) => other !== number), heard = boxes.map((row) => row[number]);
-      this.hubs[number].run({ ...request, name, readings: readings[number], seat: { number, programs, order }, boxes: { told, heard } });
+      this.hubs[number].run({ ...request, name, readings: readings[number], seat: { number, programs }, boxes: { told, heard } });
     });
     this.show();
   }

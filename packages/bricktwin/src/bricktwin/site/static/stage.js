@@ -2,6 +2,7 @@
 
 import { fetchPacked } from "./packed.js";
 import { TABLE_MM, withPicture } from "./picture.js";
+import { together } from "./together.js";
 import { Scene3D } from "./view/scene3d.js";
 
 const BENCH = "bench", OWN_PICTURE = "own picture", TABLE = "table";
@@ -27,7 +28,7 @@ export class Stage {
     this.home.onclick = () => this.scene?.home();
   }
 
-  // File of what is on the stage; null for the bench.
+  // File of what is on the stage, files of a robot for each hub and of their world, or null for the bench.
   get file() {
     return this.shown;
   }
@@ -43,35 +44,38 @@ export class Stage {
     const robot = this.robots.find(({ name }) => name === robotName);
     this.robot.value = robot ? robot.name : BENCH;
     const worlds = robot?.worlds ?? [], world = worlds.find(({ name }) => name === worldName) ?? worlds[0];
-    this.world.replaceChildren(...worlds.map(({ name, title }) => new Option(title, name)));
-    if (robot?.drives) this.world.append(new Option(picture ? "another picture …" : "your own picture …", OWN_PICTURE));
-    this.world.value = this.shownWorld = world?.name ?? "";
-    this.world.parentElement.hidden = this.world.options.length < 2;
+    this.offerWorlds(worlds, world, picture, robot?.drives);
     this.view.hidden = !robot;
     this.shown = world?.file ?? null;
     this.lesson = world?.lesson ?? null;
     this.picture = picture;
-    if (robot) await this.fetch([robot.meshes], picture);
+    if (robot) await this.fetch(() => fetchRobot(world.file, robot.meshes), picture);
   }
 
-  // Show robots that share a world, an entry of together.json, or benches if there is none. `robotName`: the one that is chosen.
-  async chooseTogether(entry, robotName) {
+  // Show robots that share a world, as of Room.world, or benches if there is none. `robotName`: the one that is chosen.
+  async chooseTogether(entry, robotName, picture = null) {
     this.robot.value = entry ? robotName : BENCH;
-    this.world.parentElement.hidden = true;
+    this.offerWorlds(entry?.worlds ?? [], entry?.world, picture, Boolean(entry));
     this.view.hidden = !entry;
-    this.lesson = this.picture = null;
-    if (this.shown === entry?.file) return;
-    this.shown = entry?.file ?? null;
-    if (entry) await this.fetch(entry.meshes, null);
+    this.lesson = null;
+    const files = entry && { robots: entry.robots.map(({ file }) => file), world: entry.world.file };
+    if (JSON.stringify(this.shown) === JSON.stringify(files) && this.picture === picture) return;
+    this.shown = files;
+    this.picture = picture;
+    if (entry) await this.fetch(() => fetchTogether(entry), picture);
   }
 
-  async fetch(meshFiles, picture) {
-    const file = this.shown, read = async (name) => (await fetchPacked(name)).json();
-    const [plain, ...lists] = await Promise.all([file, ...meshFiles].map(read)), meshes = lists.flat();
-    if (file !== this.shown || picture !== this.picture) return; // another one was chosen meanwhile
+  offerWorlds(worlds, world, picture, hasOwnPicture) {
+    this.world.replaceChildren(...worlds.map(({ name, title }) => new Option(title, name)));
+    if (hasOwnPicture) this.world.append(new Option(picture ? "another picture …" : "your own picture …", OWN_PICTURE));
+    this.world.value = this.shownWorld = world?.name ?? "";
+    this.world.parentElement.hidden = this.world.options.length < 2;
+  }
+
+  async fetch(read, picture) {
+    const shown = this.shown, plain = await read();
+    if (shown !== this.shown || picture !== this.picture) return; // another one was chosen meanwhile
     const { drawing, start } = picture ? withPicture(plain, picture) : plain;
-    // Those of a robot are in one file for all of its worlds, which name them by their numbers.
-    drawing.meshes = drawing.meshes.map((mesh) => (typeof mesh === "number" ? meshes[mesh] : mesh));
     this.load(drawing, new Float32Array(start));
   }
 
@@ -114,4 +118,31 @@ export class Stage {
   frame(poses) {
     if (poses.length) this.scene?.setPoses(poses);
   }
+}
+
+const read = async (name) => (await fetchPacked(name)).json();
+
+// A file whose drawing names meshes of another one by their numbers.
+function resolved(plain, meshes) {
+  plain.drawing.meshes = plain.drawing.meshes.map((mesh) => (typeof mesh === "number" ? meshes[mesh] : mesh));
+  return plain;
+}
+
+// A robot's file. Its meshes are in one file for all of its worlds.
+async function fetchRobot(file, meshFile) {
+  return resolved(...(await Promise.all([read(file), read(meshFile)])));
+}
+
+// A world's file. What is drawn there is in the file of a robot that is alone in it, too.
+async function fetchWorld({ file, drawn_in }) {
+  const [plain, alone] = await Promise.all([read(file), drawn_in && read(drawn_in)]);
+  return resolved(plain, alone?.drawing.meshes);
+}
+
+// The same of robots that share a world; two of a kind share a file.
+async function fetchTogether(entry) {
+  const files = new Map();
+  for (const { file, meshes } of entry.robots) if (!files.has(file)) files.set(file, fetchRobot(file, meshes));
+  const [world, ...robots] = await Promise.all([fetchWorld(entry.world), ...entry.robots.map(({ file }) => files.get(file))]);
+  return { robot: { scene: world.scene }, ...together({ robots, world }) };
 }

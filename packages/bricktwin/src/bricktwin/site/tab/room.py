@@ -311,21 +311,19 @@ def _stay(_time_ms: int) -> None:
 
 def shared_world(
     file: dict[str, Any],
-    order: Sequence[int],
     engine: Engine,
     seed: int = 0,
 ) -> SharedWorld[ToldBody]:
-    """World of several robots' file, side by side as ``bricktwin run`` puts them.
+    """World of several robots' file, where they stand as ``bricktwin run`` puts them.
 
     Args:
-        order: number in the file of each hub's robot.
+        file: as of ``put_together``, or such a one with another scene.
         engine: engine of the file's model.
         seed: seed of the sensors' noise.
     """
-    robots = read_plain(file["robots"])
-    arena = side_by_side([robots[number] for number in order], order)
+    arena = side_by_side(read_plain(file["robots"]), read_plain(file["scene"]))
     noises = []
-    for number in range(len(order)):
+    for number in range(len(arena.robots)):
         noises.append(
             NoiseSources(
                 readings=Draws(derive_seed(seed, "readings", number)),

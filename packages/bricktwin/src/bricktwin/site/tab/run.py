@@ -2,21 +2,25 @@
 
 import io
 import json
+import re
 import shutil
 import signal
 from collections.abc import Mapping
-from contextlib import closing, redirect_stdout, suppress
+from contextlib import chdir, closing, redirect_stdout, suppress
 from functools import partial
 from pathlib import Path
 from typing import Any, BinaryIO, TextIO, cast
 
-from brickhub.errors import BricksError, MediumUnavailableError
+from brickhub.errors import BricksError, MediumUnavailableError, UnknownNameError
 from brickhub.hub.program.program_files import ProgramFiles
 from brickhub.hub.program.run_program import imports
 from brickhub.hub.transport import HubProgram
 from brickhub.kits.radio import LEGO_PACKAGE
+from brickhub.user_devices import load_own_device
+from brickhub.user_files import without_name
 from brickhub.virtual.body import Body
 from brickhub.virtual.machine import Machine, Pace
+from brickhub.virtual.own_devices import AnyOwnDevice, OwnDeviceOf
 from brickhub.virtual.run import Operation, interruptible, run_file
 from bricktwin.site.tab.js_engine import JsEngine
 from bricktwin.site.tab.person import Person
@@ -28,6 +32,7 @@ FOLDER = Path("/programs")
 REFUSED_EXIT_CODE = 2
 """Exit code of a run that cannot begin, as of the command."""
 STOPPED_EXIT_CODE = 130
+_ON_PORT = re.compile(r"(?m)^# Port: *(\w+=[\w.-]+\.py(?::\w+)?) *$")
 
 
 def heed_stops_in_runs_only() -> None:
@@ -94,8 +99,8 @@ def run_in_room(
     """Run the program of one of several hubs, each in a worker of its own; returns the exit code.
 
     Args:
-        request_text: JSON as of `run_in_tab`, with ``seat``: ``number`` of the hub, ``programs`` of
-            all of them, and ``order``, the number in the file of each hub's robot.
+        request_text: JSON as of `run_in_tab`, with ``seat``: ``number`` of the hub, and
+            ``programs`` of all of them.
         page: the page.
         others: the other workers.
         file: of the robots that share a world; ``None`` for benches.
@@ -105,7 +110,7 @@ def run_in_room(
     seat = Seat(others, place["number"], place["programs"])
     body = None
     if file is not None:
-        body = seat.enter(shared_world(file, place["order"], JsEngine(handle)))
+        body = seat.enter(shared_world(file, JsEngine(handle)))
     return run_in_tab(request_text, page, body, seat)
 
 
@@ -148,7 +153,7 @@ def run_in_tab(
         with closing(ProgramFiles(output, FOLDER, tell)) as files, interruptible():
             path = FOLDER / request["name"]
             time_limit_s = request.get("time_limit_s")
-            operation = Operation(attend=attend)
+            operation = Operation(attend=attend, own_devices=own_devices(source, request["files"]))
             if seat is not None:
                 # As in a terminal: what several hubs print is marked, and saved by nobody.
                 code = run_file(
@@ -185,6 +190,29 @@ def run_in_tab(
         tell_written(request["files"], recorder)
         recorder.post()
     return code
+
+
+def own_devices(source: str, files: Mapping[str, str]) -> dict[str, AnyOwnDevice | OwnDeviceOf]:
+    """Devices of the user's own that a program names, by port, in lines such as ``# Port:
+    A=my_device.py:GAUGE``; the same as ``--port`` of a command. They are written in other files of
+    the page.
+
+    Raises UnknownNameError if there is none, and DescriptionError as `load_own_device`.
+    """
+    found = {}
+    for text in _ON_PORT.findall(source):
+        _, _, reference = text.partition("=")
+        name = without_name(reference)
+        if name not in files:
+            raise UnknownNameError(
+                f"'# Port: {text}' names a file that is not on this page; open {name}, or write it "
+                "(New program, Rename)"
+            )
+        # Where the page's files are while a program runs.
+        with chdir(FOLDER):
+            port, device = load_own_device(text)
+        found[port] = device
+    return found
 
 
 def _wait_for_others(

@@ -12,11 +12,12 @@ const READ = ["qpos", "qvel", "qacc", "actuator_force", "sensordata"];
 const SHARED = [...new Set([...WRITTEN, ...READ])];
 
 export class Engine {
-  // `mujoco`: the loaded module; `file`: a robot's file, with MJCF text and fields that are more exact than the text.
+  // `mujoco`: the loaded module; `file`: a robot's file, with MJCF text and fields that are more exact than the text, or pieces of them.
   constructor(mujoco, file) {
     this.mujoco = mujoco;
     this.model = mujoco.MjModel.from_xml_string(file.mjcf);
-    for (const [name, values] of Object.entries(file.fields)) this.set(name, values);
+    for (const [name, values] of Object.entries(file.fields ?? {})) this.set(name, values);
+    for (const [name, first, values] of file.pieces ?? []) this.model[name].set(values, first);
     this.data = new mujoco.MjData(this.model);
     this.site = mujoco.mjtObj.mjOBJ_SITE.value;
     this.geom = new mujoco.IntBuffer(1);

@@ -4,6 +4,15 @@
 const SIGNAL = 0, ALLOWED_MS = 1, HEAD = 2, TAIL = 3, CLOSED = 4, HEADER_BYTES = 32, RING_BYTES = 1 << 16, LENGTH_BYTES = 4;
 
 const LATER_MS = 5; // between two looks for room
+// One of each for all messages: while a worker runs a program, a browser is slow to free what it has beside the scripts' memory.
+const ENCODER = new TextEncoder(), DECODER = new TextDecoder(), MOST_BYTES_OF_LETTER = 3;
+let scratch = new Uint8Array(RING_BYTES);
+
+// Memory for so many bytes, which the next call gives away again.
+function scratchOf(bytes) {
+  if (scratch.length < bytes) scratch = new Uint8Array(2 * bytes);
+  return scratch;
+}
 
 export class Mailbox {
   constructor(memory) {
@@ -27,12 +36,15 @@ export class Mailbox {
 
   // Who writes: a message that is JSON already.
   put(json) {
-    const text = new TextEncoder().encode(json), head = this.numbers[HEAD], size = this.ring.length;
+    const text = scratchOf(MOST_BYTES_OF_LETTER * json.length), length = ENCODER.encodeInto(json, text).written;
+    const head = this.numbers[HEAD], size = this.ring.length;
     const used = (head - Atomics.load(this.numbers, TAIL) + size) % size;
-    if (used + LENGTH_BYTES + text.length >= size) return false;
-    const length = new Uint8Array(new Uint32Array([text.length]).buffer);
-    [...length, ...text].forEach((byte, i) => (this.ring[(head + i) % size] = byte));
-    Atomics.store(this.numbers, HEAD, (head + LENGTH_BYTES + text.length) % size);
+    if (used + LENGTH_BYTES + length >= size) return false;
+    for (let i = 0; i < LENGTH_BYTES; i++) this.ring[(head + i) % size] = length >>> (8 * i);
+    const place = (head + LENGTH_BYTES) % size, untilEnd = Math.min(length, size - place);
+    this.ring.set(text.subarray(0, untilEnd), place);
+    this.ring.set(text.subarray(untilEnd, length), 0);
+    Atomics.store(this.numbers, HEAD, (place + length) % size);
     this.signal();
     return true;
   }
@@ -71,14 +83,15 @@ export class Mailbox {
     const head = Atomics.load(this.numbers, HEAD), messages = [];
     let tail = this.numbers[TAIL];
     if (head === tail) return "";
-    const bytes = (count) => {
-      const copy = Uint8Array.from({ length: count }, (_, i) => this.ring[(tail + i) % this.ring.length]);
-      tail = (tail + count) % this.ring.length;
-      return copy;
-    };
+    const size = this.ring.length;
     while (tail !== head) {
-      const [length] = new Uint32Array(bytes(LENGTH_BYTES).buffer);
-      messages.push(new TextDecoder().decode(bytes(length)));
+      let length = 0;
+      for (let i = 0; i < LENGTH_BYTES; i++) length |= this.ring[(tail + i) % size] << (8 * i);
+      const place = (tail + LENGTH_BYTES) % size, untilEnd = Math.min(length, size - place), text = scratchOf(length);
+      text.set(this.ring.subarray(place, place + untilEnd));
+      text.set(this.ring.subarray(0, length - untilEnd), untilEnd);
+      messages.push(DECODER.decode(text.subarray(0, length)));
+      tail = (place + length) % size;
     }
     Atomics.store(this.numbers, TAIL, tail);
     return `[${messages.join(",")}]`;

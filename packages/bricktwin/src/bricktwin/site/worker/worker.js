@@ -8,6 +8,7 @@ import { Mailbox } from "./mailbox.js";
 import { fetchPacked, importPacked } from "./packed.js";
 import { Physics } from "./physics.js";
 import { withPicture } from "./picture.js";
+import { together } from "./together.js";
 
 const HOUSES = "/houses", PATIENCE_MS = 50, ROW = 8;
 const say = (kind, values = {}, transfer = []) => postMessage({ kind, ...values }, transfer);
@@ -93,12 +94,21 @@ function othersOf({ told, heard }) {
   };
 }
 
+const fetchFile = async (name) => (await fetchPacked(new URL(name, import.meta.url).href)).json();
+
+// One file of robots that share a world, of a file for each of them and for the world.
+async function fetchTogether(files) {
+  const [world, ...robots] = await Promise.all([files.world, ...files.robots].map(fetchFile));
+  const putTogether = python.pyimport("bricktwin.site.tab.robot_file").put_together_text;
+  return { robot: JSON.parse(putTogether(JSON.stringify(robots), JSON.stringify(world))), ...together({ robots, world }) };
+}
+
 async function run({ robot, picture, boxes, ...request }) {
   physics?.end();
   physics = null;
   let body, file;
   if (robot) {
-    const plain = await (await fetchPacked(new URL(robot, import.meta.url).href)).json();
+    const plain = boxes ? await fetchTogether(robot) : await fetchFile(robot);
     file = picture ? withPicture(plain, picture) : plain;
     mujoco ??= loadMujoco();
     physics = new Physics(await mujoco, file);
@@ -132,7 +142,7 @@ async function runOnKit(request) {
 }
 
 async function obeyHub({ robot, ...request }) {
-  const file = request.hub === "teach" ? (await (await fetchPacked(new URL(robot, import.meta.url).href)).json()).robot : null;
+  const file = request.hub === "teach" ? (await fetchFile(robot)).robot : null;
   realHub ??= python.pyimport("bricktwin.site.tab.real_hub").RealHub(hubPage, page);
   say("ended", { code: realHub.obey(JSON.stringify(request), file && readJson(JSON.stringify(file))) });
 }

@@ -90,7 +90,10 @@ class Balance:
         """Why it does not stand, and what to do; ``None`` if it does."""
         beyond, remedy = _BEYOND[self.side]
         stands_on = "wheels" if self.on_wheels else "feet"
-        place = f"{-self.inside_mm:.0f} mm {beyond} {stands_on}"
+        beyond_mm = round(-self.inside_mm)
+        place = f"{beyond_mm} mm {beyond} {stands_on}"
+        if beyond_mm <= 0:
+            place = f"right above the edge of its {stands_on}"
         where = f"its centre of mass, {self.height_mm:.0f} mm high, is {place}"
         upright = ", or let it learn to keep upright" if self.can_balance else ""
         if self.tilt_deg > TIPS_DEG:

@@ -1,7 +1,6 @@
 """Parts of ``EV3Brick`` that are other than those of the hubs of Powered Up."""
 
 import colorsys
-from typing import Any
 
 from brickhub.virtual import error_numbers
 from brickhub.virtual.pybricks.arguments import os_error
@@ -15,28 +14,17 @@ _GREEN_HUE = 120
 class BrickLight(ColorLight):
     """Red and green lamps behind the buttons: the blue share of a color is lost."""
 
-    def _set_light(
-        self,
-        color: Any,
-        duration_ms: int,
-    ) -> int:
-        super()._set_light(color, duration_ms)
-        panel = self._machine.panel
-        if panel.light is not None:
-            panel.change(light=_without_blue(panel.light))
-        return duration_ms
-
-
-def _without_blue(light: tuple[int, int, int]) -> tuple[int, int, int] | None:
-    hue, saturation, value = light
-    red, green, _ = colorsys.hsv_to_rgb(hue / 360, saturation / 100, value / 100)
-    brightest = max(red, green)
-    if not brightest:
-        return None
-    # Between red and green, the weaker lamp pulls the hue towards its own, up to yellow.
-    towards_yellow = min(red, green) / brightest * _GREEN_HUE / 2
-    shown_hue = towards_yellow if red >= green else _GREEN_HUE - towards_yellow
-    return round(shown_hue), 100, round(100 * brightest)
+    @staticmethod
+    def _lit(light: tuple[int, int, int]) -> tuple[int, int, int] | None:
+        hue, saturation, value = light
+        red, green, _ = colorsys.hsv_to_rgb(hue / 360, saturation / 100, value / 100)
+        brightest = max(red, green)
+        if not brightest:
+            return None
+        # Between red and green, the weaker lamp pulls the hue towards its own, up to yellow.
+        towards_yellow = min(red, green) / brightest * _GREEN_HUE / 2
+        shown_hue = towards_yellow if red >= green else _GREEN_HUE - towards_yellow
+        return round(shown_hue), 100, round(100 * brightest)
 
 
 class BrickSpeaker(Speaker):

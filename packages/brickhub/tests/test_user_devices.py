@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from brickhub.cli.own_device import is_own_device, load_own_device
 from brickhub.errors import DescriptionError, UnknownNameError
+from brickhub.user_devices import is_own_device, load_own_device
 
 SOURCE = """from brickhub.virtual.own_devices import OwnDevice, OwnMode
 GAUGE = OwnDevice(70, (OwnMode("value", lambda time_s: (1,)),))
