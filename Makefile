@@ -22,7 +22,7 @@ WORKERS = $(shell $(BIN)/python -c 'import os; print(os.cpu_count() or 1)')
 REPEATED := --rerun-except 'from pytest-timeout'
 FAST = --numprocesses $(WORKERS) -m 'not realtime and not slow' --reruns 1 $(REPEATED)
 # They keep to a clock, wait most of the time, and come first where something else computes.
-CLOCK := --numprocesses 3 -m 'realtime and not slow' --reruns 2 $(REPEATED)
+CLOCK := --numprocesses 2 -m 'realtime and not slow' --reruns 2 $(REPEATED)
 BESIDE := nice -n 10
 # The houses without torch, in one process.
 LIGHT := packages/bricktwin/tests packages/brickhub/tests
@@ -69,8 +69,9 @@ check: $(INSTALLED)
 	$(BESIDE) $(BIN)/mypy
 	$(BIN)/lint-imports --no-logo
 
+test: export BRICKS_TESTS_CACHE := $(CURDIR)/build/tests-cache
 test: $(INSTALLED)
-	@rm -rf $(SKIPS)
+	@rm -rf $(SKIPS) $(BRICKS_TESTS_CACHE)
 	@code=0; $(MAKE) --jobs 2 light rest || code=$$?; \
 	$(BIN)/python tests/plugins/skipped.py $(SKIPS) || code=$$?; exit $$code
 

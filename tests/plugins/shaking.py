@@ -35,7 +35,9 @@ CHILD = Path(__file__).parent / "child"
 
 def shake_everything() -> None:
     """Change the modules below, or do so when they are imported, here and in processes that are
-    started from here."""
+    started from here. A process that was begun shaken is not shaken once more."""
+    if any(isinstance(finder, _Finder) for finder in sys.meta_path):
+        return
     for name, change in CHANGED.items():
         if name in sys.modules:
             change(sys.modules[name])

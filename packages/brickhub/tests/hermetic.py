@@ -8,18 +8,22 @@ import os
 import shutil
 import signal
 import tempfile
+from pathlib import Path
 
 from hypothesis import settings
 
-# Tests leave the user's own settings and caches alone. The workers of one run share their cache:
-# what one has built, all have.
+# Tests leave the user's own settings and caches alone. The workers of one run, and the runs of one
+# `make test`, share their cache: what one has built, all have.
 os.environ["XDG_CONFIG_HOME"] = tempfile.mkdtemp(prefix="bricks-settings-")
 atexit.register(shutil.rmtree, os.environ["XDG_CONFIG_HOME"], ignore_errors=True)
 if "BRICKS_TESTS_CACHE" not in os.environ:
-    os.environ["BRICKS_TESTS_CACHE"] = os.environ["XDG_CACHE_HOME"] = tempfile.mkdtemp(
-        prefix="bricks-cache-"
-    )
+    os.environ["BRICKS_TESTS_CACHE"] = tempfile.mkdtemp(prefix="bricks-cache-")
     atexit.register(shutil.rmtree, os.environ["BRICKS_TESTS_CACHE"], ignore_errors=True)
+os.environ["XDG_CACHE_HOME"] = os.environ["BRICKS_TESTS_CACHE"]
+
+# What Matplotlib finds out of the fonts is the same each time, and takes a second; it stays until
+# `make clean`.
+os.environ["MPLCONFIGDIR"] = str(Path(__file__).parents[3] / "build" / "matplotlib")
 
 # Before torch is imported, and inherited by the commands that tests start: tests share their cores.
 os.environ.setdefault("OMP_NUM_THREADS", "1")

@@ -70,12 +70,26 @@ def sleep(page: Page, seconds: float) -> None:
     )
 
 
+# Without a graphics card each pixel of a robot is computed, for as long as a tab is open.
+_FEW_PIXELS = "Object.defineProperty(window, 'devicePixelRatio', { get: () => 0.2 })"
+
+
 @contextmanager
-def tab(browser: Browser, url: str, width: int = 840, height: int = 560) -> Iterator[Page]:
-    """A tab that must show no script errors and contact no other host."""
+def tab(
+    browser: Browser,
+    url: str,
+    width: int = 840,
+    height: int = 560,
+    *,
+    is_sharp: bool = False,
+) -> Iterator[Page]:
+    """A tab that must show no script errors and contact no other host. Robots and charts have few
+    pixels if it is not sharp; all else is as it is."""
     context = browser.new_context(viewport={"width": width, "height": height})
     page = context.new_page()
     page.set_default_timeout(TIMEOUT_MS)
+    if not is_sharp:
+        page.add_init_script(_FEW_PIXELS)
     errors: list[str] = []
     asked: set[str] = set()
     page.on("pageerror", lambda error: errors.append(str(error)))

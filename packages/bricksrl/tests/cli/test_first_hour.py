@@ -8,6 +8,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import numpy as np
@@ -31,6 +32,7 @@ EXAMPLES = Path(__file__).parents[4] / "examples"
 TINY = SACSettings(hidden=(8,), batch_size=8, prefill_episodes=1, updates_per_step=0.1)
 OWN = f"""
 import sys
+import time
 from dataclasses import replace
 sys.path.insert(0, {str(EXAMPLES)!r})
 from importlib import import_module
@@ -109,7 +111,7 @@ def test_new_file_in_a_folder_of_any_name_is_valid(tmp_path: Path) -> None:
     ("task", "says"),
     [
         ("NAN", r"the reward of Nan-v0 is \[nan\] in step 1"),
-        ("RAISES", r"KeyError: 'speed', own\.py, line 8; correct it"),
+        ("RAISES", r"KeyError: 'speed', own\.py, line 9; correct it"),
         ("OURS", "RunAway-v0 comes with BricksRL"),
     ],
 )
@@ -403,11 +405,12 @@ def test_list_marks_simulations(capfd) -> None:
     assert len(set(summaries)) == len(summaries)
 
 
+@pytest.mark.usefixtures("forked_children")
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows sends no Ctrl-C to one process")
 def test_interrupted_seeds_without_results_can_restart(start, tmp_path: Path) -> None:
     process = start("train", "WalkerSim-v0", "--seeds", "2", "--run", str(tmp_path / "d"))
     while not (tmp_path / "d").exists() and process.poll() is None:
-        pass
+        time.sleep(0.002)
     process.send_signal(signal.SIGINT)
     _, errors = process.communicate(timeout=120)
     kept = (tmp_path / "d").exists()

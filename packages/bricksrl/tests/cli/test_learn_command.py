@@ -7,6 +7,7 @@ import re
 from pathlib import Path
 
 from bricksrl.cli import main, train
+from bricksrl.envs.abilities import walking
 from bricksrl.policies import hub_export
 from bricksrl.training import RunFolder
 from bricktwin.robots import plans
@@ -29,7 +30,8 @@ def test_look_says_what_each_device_is_and_what_can_be_learned(bricksrl):
 
 
 def test_learning_ends_with_a_report_and_the_hubs_program(monkeypatch, capfd, tmp_path):
-    # One episode of each kind is enough to see what is written.
+    # One short episode of each kind is enough to see what is written.
+    monkeypatch.setattr(walking, "_STEPS", 20)
     monkeypatch.setattr(train, "_EVALUATED_EPISODES", 1)
     monkeypatch.setattr(hub_export, "EPISODES", 1)
     run = tmp_path / "six"

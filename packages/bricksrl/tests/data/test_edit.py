@@ -2,13 +2,12 @@ from __future__ import annotations
 
 import os
 import shutil
-import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from forked import ForkServer, Scratch
 from toy_data import SEEING, TOY, record
 
 from bricksrl.data import Episodes, load
@@ -155,14 +154,16 @@ def test_check_names_damage(tmp_path: Path) -> None:
 
 
 @pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="threads are counted in /proc")
-def test_check_leaves_no_thread_that_could_abort_the_exit(tmp_path: Path) -> None:
+def test_check_leaves_no_thread_that_could_abort_the_exit(
+    processes: ForkServer | Scratch, tmp_path: Path
+) -> None:
     root = record(tmp_path / "d")
     code = (
         "import os, sys; from pathlib import Path; from bricksrl.data.integrity import check\n"
         "threads = lambda: len(os.listdir('/proc/self/task'))\n"
-        "before = threads(); check(Path(sys.argv[1])); sys.exit(threads() - before)"
+        f"before = threads(); check(Path({str(root)!r})); sys.exit(threads() - before)"
     )
-    assert subprocess.run([sys.executable, "-c", code, root], check=False).returncode == 0
+    assert processes.run((), tmp_path, os.environ, 60.0, code).returncode == 0
 
 
 def ways_into(folder: Path, outside: Path) -> list[Path]:

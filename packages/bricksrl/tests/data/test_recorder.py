@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import subprocess
 import sys
@@ -11,6 +12,7 @@ import imageio_ffmpeg
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from forked import ForkServer, Scratch
 from toy_data import SEEING, TOY, record, record_episode, steps
 
 from brickhub.entry import Entry
@@ -217,7 +219,7 @@ def test_foreign_folder_is_unchanged(tmp_path: Path) -> None:
         Recorder(tmp_path / "lerobot", TOY)
 
 
-def test_single_recorder_at_a_time(tmp_path: Path) -> None:
+def test_single_recorder_at_a_time(processes: ForkServer | Scratch, tmp_path: Path) -> None:
     root = record(tmp_path / "set")
     script = f"""
 import sys; sys.path.insert(0, {str(Path(__file__).parent)!r})
@@ -231,9 +233,8 @@ except DataError as error:
     print(error)
 """
     with Recorder(root, TOY):
-        said = subprocess.run(
-            [sys.executable, "-c", script], capture_output=True, text=True, check=True
-        )
+        said = processes.run((), tmp_path, os.environ, 60.0, script)
+    assert said.returncode == 0, said.stderr
     assert "another program writes into" in said.stdout
 
 

@@ -8,12 +8,14 @@ import re
 import subprocess
 import sys
 import warnings
+from pathlib import Path
 from typing import Any
 
 import gymnasium
 import numpy as np
 import pytest
 import torch
+from forked import ForkServer, Scratch
 from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode
 from torchrl.envs import GymEnv, GymWrapper
@@ -138,18 +140,17 @@ def test_first_version_of_spec_gives_no_warning() -> None:
         gymnasium.make(gymnasium.spec("bricksrl/Walker-v0")).close()
 
 
-def test_gymnasium_make_by_both_names() -> None:
-    """After ``import bricksrl``, and by naming the module in the id."""
+def test_gymnasium_make_by_both_names(processes: ForkServer | Scratch, tmp_path: Path) -> None:
+    """After ``import bricksrl``, and by naming the module in the id: with new modules of ours and
+    of Gymnasium; what these import costs most."""
     program = (
+        "import sys, warnings; warnings.simplefilter('error')\n"
+        "for name in [*sys.modules]:\n"
+        "    if name.partition('.')[0] in ('brickhub', 'bricktwin', 'bricksrl', 'gymnasium'):\n"
+        "        del sys.modules[name]\n"
         "import gymnasium; gymnasium.make('bricksrl:bricksrl/RunAway-v0').reset(); print('fine')"
     )
-    done = subprocess.run(
-        [sys.executable, "-W", "error", "-c", program],
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=120,
-    )
+    done = processes.run((), tmp_path, os.environ, 120.0, program)
     assert (done.stdout.strip(), done.stderr) == ("fine", "")
 
 

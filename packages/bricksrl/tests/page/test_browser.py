@@ -172,7 +172,7 @@ def test_every_button(browser: object, played: Played) -> None:
 
 def test_robot_at_rest_is_drawn_with_all_pixels(browser: object, played: Played) -> None:
     """A processor that draws slowly draws fewer pixels while the robot moves."""
-    with tab(browser, played.page.url, width=1600, height=1000) as page:
+    with tab(browser, played.page.url, 1600, 1000, is_sharp=True) as page:
         until(lambda: played.steps > 2, "it plays")
         missing_px = (
             "(scene => scene.clientWidth * Math.min(devicePixelRatio, 2) - "
@@ -399,7 +399,7 @@ def test_phone_held_across_shows_card_stop_button_and_floor(
     """All at once, without a finger that scrolls."""
     with (
         playing("LineFollow-v0") as played,
-        tab(browser, played.page.url, width, height) as page,
+        tab(browser, played.page.url, width, height, is_sharp=True) as page,
     ):
         page.wait_for_selector("#scene[data-frames]")
         until(lambda: played.steps > 1, "it plays")
@@ -625,7 +625,7 @@ def test_what_lies_on_the_floor_is_seen_wherever_the_robot_is(browser: object, n
     qpos[:2] = 0.217, -0.331
     with (
         PageServer(board, lambda *_: None, on_stop=lambda: None) as server,
-        tab(browser, server.url) as page,
+        tab(browser, server.url, is_sharp=True) as page,
     ):
         page.evaluate(HIDE_WHAT_LIES_OVER_THE_SCENE)
         for number, (width, height) in enumerate([(1366, 768), (390, 844), (844, 390)]):

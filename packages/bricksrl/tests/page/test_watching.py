@@ -14,6 +14,7 @@ from bricksrl.data.collect import collect, random_policy
 from bricksrl.data.recorder import Recorder
 from bricksrl.data.schema import describe
 from bricksrl.envs import get_task, make
+from bricksrl.envs.env import HubEnv
 from bricksrl.errors import StoppedError
 from bricksrl.page.live import LivePage
 from bricksrl.page.play import PageCallback
@@ -28,11 +29,20 @@ def config(run_dir: Path) -> TrainConfig:
     return TrainConfig("Walker-v1", episodes=2, seed=4, settings=settings, run_dir=run_dir)
 
 
+def short() -> HubEnv:
+    """The robot in episodes of a few steps."""
+    env = make("Walker-v1")
+    assert isinstance(env, HubEnv)
+    env.task = replace(env.task, max_steps=30)
+    return env
+
+
 def test_watched_run_equals_unwatched(tmp_path: Path) -> None:
-    train(config(tmp_path / "plain"))
+    train(config(tmp_path / "plain"), env=short())
     stop = threading.Event()
     with LivePage("Walker-v1", task=get_task("Walker-v1"), on_stop=stop.set) as page:
-        train(config(tmp_path / "shown"), PageCallback(page, stop), driver=page.driver, stop=stop)
+        watched = {"driver": page.driver, "stop": stop, "env": short()}
+        train(config(tmp_path / "shown"), PageCallback(page, stop), **watched)
         news = page.board
         assert news.status[1]["state"] == "finished" and news.series["return"].count == 2
         assert news.series["reward"].count == sum(
@@ -40,11 +50,10 @@ def test_watched_run_equals_unwatched(tmp_path: Path) -> None:
         )
         assert callable(news.poses[1]) and news.poses[1]().shape[1] == 7
     env = make("Walker-v1")
-    plain, shown = (RunFolder(tmp_path / name) for name in ("plain", "shown"))
-    assert [e.return_ for e in plain.read_episodes()] == [e.return_ for e in shown.read_episodes()]
-    weights = [
-        load_learner(folder.path, env).learner.policy.state_dict() for folder in (plain, shown)
-    ]
+    folders = [RunFolder(tmp_path / name) for name in ("plain", "shown")]
+    returns = [[episode.return_ for episode in folder.read_episodes()] for folder in folders]
+    assert returns[0] == returns[1]
+    weights = [load_learner(folder.path, env).learner.policy.state_dict() for folder in folders]
     assert weights[0].keys() == weights[1].keys()
     assert all(torch.equal(weights[0][name], weights[1][name]) for name in weights[0])
 

@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 import torch
 from tensordict import TensorDictBase
+from torchrl.envs import EnvBase
 from toys import assert_equal
 
 from bricksrl import make
@@ -47,6 +48,13 @@ def data(tmp_path_factory: pytest.TempPathFactory) -> str:
     with Recorder(root, describe(env)) as recorder:
         collect(env, to_the_goal, recorder, 60, name="scripted")
     return str(root)
+
+
+def short() -> EnvBase:
+    """The arm in episodes of a few steps."""
+    env = make(ENV)
+    env.task = replace(env.task, max_steps=25)
+    return env
 
 
 def small(agent: str, values: dict[str, Any] = SMALL) -> Any:
@@ -104,10 +112,10 @@ def test_taught_runs_are_resumed_to_the_last_digit(
     for teacher in ("demonstrations", "base"):
         changes: dict[str, Any] = {"settings": tiny, teacher: iql}
         whole = taught(tmp_path / f"{teacher}-whole", episodes=2, **changes)
-        train(whole)
+        train(whole, env=short())
         part = tmp_path / f"{teacher}-part"
-        train(replace(whole, run_dir=part, episodes=1))
-        resume(part, episodes=2)
+        train(replace(whole, run_dir=part, episodes=1), env=short())
+        resume(part, episodes=2, env=short())
         one, other = (
             load_checkpoint(path / "checkpoint.bin")["agent"]
             for path in (whole.run_dir, part)

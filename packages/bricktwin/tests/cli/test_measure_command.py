@@ -11,7 +11,7 @@ from ble_world import World
 
 from brickhub.hub.link.lockstep import HubLink
 from brickhub.hub.transports.address import HubAddress
-from bricktwin.measure import session
+from bricktwin.measure import results, session
 from bricktwin.measure.session import read_log
 from bricktwin.twin.physics import read_physics
 
@@ -19,7 +19,9 @@ from bricktwin.twin.physics import read_physics
 def test_nobody_is_asked_for_two_minutes_of_work_that_cannot_be_written(
     fails, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    monkeypatch.setattr(session, "measure", lambda *_: pytest.fail("it was measured"))
+    # Imported before, or it would keep this measurement for the tests that follow.
+    for module in (results, session):
+        monkeypatch.setattr(module, "measure", lambda *_: pytest.fail("it was measured"))
     (tmp_path / "file").write_text("an earlier one")
     out = str(tmp_path / "file" / "measured")
     fails("twin", "measure", "two-wheeler", "--out", out, says=f"cannot write {out}")
