@@ -11,14 +11,18 @@ from typing import Any
 import pytest
 from played_cable import CablePage
 
+from brickhub.hub.program.generate import generate_trials
 from brickhub.hub.transports.profile import PybricksCommand
 from brickhub.robot import Robot
 from brickhub.virtual.body import Body
 from bricktwin.robots import EV3_DRIVER
 from bricktwin.site.tab import real_hub, run
+from bricktwin.site.tab.hub_lessons import HUB_LESSONS
 from bricktwin.site.tab.plain_values import plain
 from bricktwin.site.tab.real_hub import LOST_EXIT_CODE, RealHub
 from bricktwin.site.tab.run import REFUSED_EXIT_CODE, STOPPED_EXIT_CODE
+from bricktwin.twin.make_body import make_body
+from bricktwin.worlds import world
 
 pytestmark = pytest.mark.realtime
 
@@ -123,3 +127,22 @@ def test_a_cable_that_cannot_be_opened_says_what_to_do(
     tab.hub.is_plugged_in = False
     assert tab.do("connect") == LOST_EXIT_CODE
     assert "plug the hub in, switch it on, and close other pages" in tab.page.text("err")
+
+
+def test_a_robot_learns_on_its_cable(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A trial is the same over a cable as over Bluetooth."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    tab = Tab(EV3_DRIVER, make_body(EV3_DRIVER, scene=world("line-simple")))
+    lesson = HUB_LESSONS["follow"](EV3_DRIVER).lesson
+    interface, structure = lesson.interface, lesson.structure
+    program = generate_trials(EV3_DRIVER, interface, structure.numbers, structure.hub_source())
+    tab.hub.library.append(program.source)
+    request = {"goal": "follow", "seed": 3, "state": None, "numbers": None}
+    try:
+        assert tab.do("teach", trials=1, **request) == 0
+        (trial,) = tab.page.of("trial")
+        assert trial["seconds"] == 4.0 and trial["score"] > 0.0
+        assert not tab.hub.is_driven
+    finally:
+        tab.do("leave")
+        tab.page.close()
