@@ -70,3 +70,7 @@ def test_ctrl_c_before_first_episode_prints_one_line(bricksrl, start, tmp_path, 
         r"(stopped by hand\n)?interrupted: [^\n]*(saved|begins again)[^\n]*\n",
         without_notes(stderr),
     ), stderr
+    # What is said of the folder is true.
+    run = tmp_path / "run"
+    assert (f"`bricksrl resume {run}`" in stderr) == run.exists(), stderr
+    assert ("nothing was saved" in stderr) != run.exists(), stderr

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 from brickhub.errors import TwinError
-from bricktwin.twin.objects import Ball, Block, Point, Ramp, Solid, Wall
+from bricktwin.twin.objects import Ball, Block, Object, Point, Ramp, Solid, Wall
 from bricktwin.twin.scene import Scene
 
 APART_MM = 500.0
@@ -42,13 +42,22 @@ def shared_scene(scene: Scene) -> Scene:
     starts_mm = [(x_mm, y_mm) for x_mm, y_mm, _ in scene.others_start]
     objects = []
     for item in scene.objects:
-        is_movable = isinstance(item, Ball) or (isinstance(item, Block) and item.mass_g is not None)
-        if is_movable and isinstance(item, Ball | Block):
-            clear_mm = min((math.dist(item.at_mm, start) for start in starts_mm), default=math.inf)
-            if clear_mm < _ROOM_MM:
-                continue
+        loose_mm = _loose_at_mm(item)
+        if loose_mm is not None and any(
+            math.dist(loose_mm, start_mm) < _ROOM_MM for start_mm in starts_mm
+        ):
+            continue
         objects.append(item)
     return replace(scene, objects=tuple(objects))
+
+
+def _loose_at_mm(item: Object) -> Point | None:
+    """Where something lies that can be pushed; ``None`` for what stays where it is."""
+    if isinstance(item, Ball):
+        return item.at_mm
+    if isinstance(item, Block) and item.mass_g is not None:
+        return item.at_mm
+    return None
 
 
 def _made_for_one(scene: Scene) -> str:
@@ -131,7 +140,8 @@ def _is_free(
 def _rectangle(solid: Solid) -> _Rectangle:
     """The floor that something covers."""
     if isinstance(solid, Wall):
-        (from_x, from_y), (to_x, to_y) = solid.from_mm, solid.to_mm
+        from_x, from_y = solid.from_mm
+        to_x, to_y = solid.to_mm
         half = (math.dist(solid.from_mm, solid.to_mm) / 2, solid.thickness_mm / 2)
         angle = math.atan2(to_y - from_y, to_x - from_x)
         return ((from_x + to_x) / 2, (from_y + to_y) / 2), half, angle
