@@ -2,7 +2,7 @@
 turn visually only."""
 
 import functools
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -56,43 +56,51 @@ def looks_of(
     body_axes = np.eye(3) if axes is None else axes
     frame = body_axes @ TO_TWIN
     shift_mm = body_axes @ origin_m * 1000
-    placed_parts = tuple(plan.parts[part] for part in parts)
-    motors = tuple(plan.parts[motor] for motor in shafts)
+    placed_parts = [plan.parts[part] for part in parts]
+    motors = [plan.parts[motor] for motor in shafts]
     shapes: list[tuple[str, Shape]] = []
-    for placed, colour, visible in _visible(placed_parts, motors, ldraw_library.folder()):
-        turn = frame @ placed.rotation
-        # Points [n, 3] are turned into the body's axes in LDU, and then counted from the body's
-        # origin in mm.
-        points = (visible.points @ turn.T + frame @ placed.position) * MM_PER_LDU - shift_mm
-        shapes.append((colour, Shape(points, visible.normals @ turn.T, visible.faces)))
+    # Our solids decide what hides what, which would be wrong for the shapes of an installed
+    # library.
+    can_hide = ldraw_library.folder() is None
+    for placed in placed_parts:
+        near = _touching(placed, placed_parts) if can_hide else []
+        shapes += _moved(
+            placed,
+            near,
+            frame,
+            shift_mm,
+            only_turning=False,
+        )
+    # A shaft turns, so what hides it now will not hide it later.
+    for motor in motors:
+        shapes += _moved(
+            motor,
+            [],
+            frame,
+            shift_mm,
+            only_turning=True,
+        )
     return Piece(tuple(shapes))
 
 
-# A robot is modelled once for each scene, and looks the same in all of them. Placed parts are equal
-# only to themselves, so what is kept is of this very plan.
-@functools.lru_cache(maxsize=128)
-def _visible(
-    placed_parts: tuple[Placed, ...],
-    motors: tuple[Placed, ...],
-    root: Path | None,
-) -> tuple[tuple[Placed, str, Shape], ...]:
-    """Coloured shapes of the parts of a body, and of the shafts of motors, each in the frame of its
-    part, without what other parts hide. ``root``: of an installed LDraw library."""
-    found: list[tuple[Placed, str, Shape]] = []
-    # Our solids decide what hides what, which would be wrong for the shapes of an installed
-    # library.
-    can_hide = root is None
-    for placed in placed_parts:
-        near = _touching(placed, placed_parts) if can_hide else []
-        for colour, shape in _shapes(placed, root, only_turning=False):
-            visible = _uncovered(placed, shape, near)
-            if len(visible.faces):
-                found.append((placed, colour, visible))
-    # A shaft turns, so what hides it now will not hide it later.
-    for motor in motors:
-        for colour, shape in _shapes(motor, root, only_turning=True):
-            found.append((motor, colour, shape))
-    return tuple(found)
+def _moved(
+    placed: Placed,
+    others: list[Placed],
+    frame: Floats,
+    shift_mm: Floats,
+    *,
+    only_turning: bool,
+) -> Iterator[tuple[str, Shape]]:
+    """Coloured shapes of a part, mm, without what other parts hide. ``frame``: from the plan to the
+    body [3, 3]."""
+    turn = frame @ placed.rotation
+    for colour, shape in _shapes(placed, only_turning=only_turning):
+        visible = _uncovered(placed, shape, others)
+        # Points [n, 3] are turned into the body's axes in LDU, and then counted from the body's
+        # origin in mm.
+        points = (visible.points @ turn.T + frame @ placed.position) * MM_PER_LDU - shift_mm
+        if len(visible.faces):
+            yield colour, Shape(points, visible.normals @ turn.T, visible.faces)
 
 
 def _touching(placed: Placed, parts: Iterable[Placed]) -> list[Placed]:
@@ -129,16 +137,12 @@ def _uncovered(
     return Shape(shape.points[used], shape.normals[used], faces)
 
 
-def _shapes(
-    placed: Placed,
-    root: Path | None,
-    *,
-    only_turning: bool,
-) -> list[tuple[str, Shape]]:
+def _shapes(placed: Placed, *, only_turning: bool) -> list[tuple[str, Shape]]:
     """Coloured shapes of a part in its frame, in LDraw units."""
     main = colour_of(placed.colour).rgb
     # The best drawing is tried first: an installed library, then ours in detail, then the
     # catalogue. Only the catalogue knows which of a motor's solids turn.
+    root = ldraw_library.folder()
     if root is not None and not only_turning:
         from_library = _of_library(placed.part, root)
         if from_library:
