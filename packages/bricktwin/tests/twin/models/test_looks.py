@@ -39,6 +39,22 @@ def motion(robot: MujocoBody) -> bytes:
 
 
 @pytest.mark.usefixtures("no_library")
+def test_each_of_equal_legs_is_drawn_at_its_place() -> None:
+    drawn = body(WALKER)
+    names = []
+    for number in range(1, drawn.model.nbody):
+        is_of_body = drawn.model.geom_bodyid == number
+        geoms = np.flatnonzero(is_of_body & (drawn.model.geom_group == LOOKS_GROUP))
+        if len(geoms):
+            name = drawn.model.body(number).name
+            away_m = drawn.data.geom_xpos[geoms] - drawn.data.xpos[number]
+            # The longest part, a beam of nine holes, hangs 5 cm below the axle that it turns on.
+            assert np.linalg.norm(away_m, axis=1).max() < 0.06, name
+            names.append(name)
+    assert len(names) == 13, "the chassis, and three bodies for each of four legs"
+
+
+@pytest.mark.usefixtures("no_library")
 @pytest.mark.parametrize("robot", [TWO_WHEELER, WALKER, ROBO_ARM], ids=lambda robot: robot.name)
 def test_looks_do_not_change_physics(
     robot: Robot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
