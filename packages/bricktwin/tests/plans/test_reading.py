@@ -149,6 +149,12 @@ def test_comments_apply_to_next_part():
     ]
 
 
+def test_equal_parts_at_two_places_are_two():
+    plan = plan_of(BEAM, "0 STEP", BEAM.replace("1 4 0 0 0", "1 4 0 0 60"))
+    assert plan.parts[0] != plan.parts[1]
+    assert len(set(plan.parts)) == 2
+
+
 def test_unknown_parts_are_kept_with_their_lines():
     plan = plan_of(BEAM, BEAM.replace("32316", "99999"), BEAM.replace("32316", "99999"))
     assert [(unknown.number, unknown.lines) for unknown in plan.unknown] == [("99999", (2, 3))]

@@ -34,7 +34,7 @@ _STRETCHED = "'{}' is stretched; place it without scaling"
 
 @dataclass(frozen=True, eq=False)
 class Placed(Marks):
-    """A part at its place.
+    """A part at its place; equal to itself alone, as equal parts stand at many places.
 
     Attributes:
         index: in ``Plan.parts``.
@@ -53,6 +53,10 @@ class Placed(Marks):
     step: int
     line: int
     assembly: tuple[str, ...]
+
+    # Without them `Marks` would compare, for which two unmarked parts are the same one.
+    __eq__ = object.__eq__
+    __hash__ = object.__hash__
 
     def to_plan(self, points: Floats) -> Floats:
         """Points [n, 3] from the part's frame to the plan's."""
