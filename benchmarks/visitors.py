@@ -241,7 +241,8 @@ def story(command: Command, protocol: Protocol, pictures: Path, rest_s: float) -
 def main(session: Session) -> None:
     """Let three visitors come, and write the protocol."""
     args = session.parse(minutes=10.0)
-    rest_s = args.minutes * 60.0 / 12.0
+    # Eight rests; what is done between them takes as long as one more.
+    rest_s = args.minutes * 60.0 / 9.0
     pictures = session.folder
     pictures.mkdir(parents=True, exist_ok=True)
     folder = Path(tempfile.mkdtemp(prefix="bricksrl-visitors-"))

@@ -149,12 +149,6 @@ def test_snippets_about_robots_run(name: str, clone: Path) -> None:
         exec(block, names)  # noqa: S102
 
 
-def shortened(source: str) -> str:
-    """The code of a cell with fewer episodes and updates."""
-    return re.sub(r"\bupdates=\d+", "updates=20", re.sub(r"\bepisodes=\d+", "episodes=2", source))
-
-
-@pytest.mark.slow
 def test_robots_of_the_page_on_ev3_are_mounted_as_ours() -> None:
     """A program of the page drives our robot ahead, and does not turn it on the spot."""
     program, description, *_ = blocks(DOCS / "ev3.md", "python")
@@ -165,6 +159,12 @@ def test_robots_of_the_page_on_ev3_are_mounted_as_ours() -> None:
         assert f"{motor.name} = Motor(Port.{motor.port})\n" in program
 
 
+def shortened(source: str) -> str:
+    """The code of a cell with fewer episodes and updates."""
+    return re.sub(r"\bupdates=\d+", "updates=20", re.sub(r"\bepisodes=\d+", "episodes=2", source))
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("path", NOTEBOOKS[1:], ids=lambda path: path.stem)
 def test_notebooks_run(path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
