@@ -11,7 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from kit_world import DRIVE, TURN, connected
+from kit_world import DRIVE, ROBOT, TURN, connected
 
 from brickhub.errors import HubError, HubNotFoundError, HubTimeoutError, StoppedError
 from brickhub.hub.interface import Wait
@@ -20,6 +20,8 @@ from brickhub.hub.link.states import LinkState
 from brickhub.kits.kit_protocol import FULL_SPEED_DEG_S, SUPERVISION_S
 from brickhub.kits.link import HOLD_S, PERIOD_MS, KitLink
 from brickhub.kits.virtual_kit import VirtualKit
+from brickhub.virtual.bench_body import BenchBody
+from brickhub.virtual.machine import Pace
 
 pytest.importorskip("legoeducation")
 _MM_PER_DEG = 3.14159 * 56 / 360
@@ -199,3 +201,15 @@ def course(faults: int, seed: int) -> int:
 
 def test_drawn_faults_leave_no_step_hanging() -> None:
     assert course(12, seed=3) > 3
+
+
+def test_in_real_time_the_world_catches_up_with_what_took_long_outside() -> None:
+    now_s = [0.0]
+    body = BenchBody(ROBOT, {"light": lambda angles: 50})
+    kit = VirtualKit(body, realtime=True)
+    kit._pace = Pace(lambda: now_s[0], lambda seconds: now_s.__setitem__(0, now_s[0] + seconds))
+    kit.sleep(0.5)
+    assert kit.now_s() == pytest.approx(0.5, abs=0.011)
+    now_s[0] = 2.0
+    kit.sleep(0.1)
+    assert kit.now_s() == pytest.approx(2.0, abs=0.011)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import contextmanager
 from types import SimpleNamespace
 
 import pytest
@@ -9,6 +10,7 @@ import pytest
 from bricksrl.cli import main
 from bricksrl.cli.app import parse
 from bricksrl.data import load
+from bricksrl.errors import PageError
 from bricksrl.training import RunFolder
 
 
@@ -65,3 +67,53 @@ def test_fleet_learns_on_a_page(forked_children, tmp_path, capfd):
     ]
     assert main([*command, "--page", "--no-film"]) == 0
     assert len(RunFolder(tmp_path / "run").read_episodes()) == 2
+
+
+@pytest.mark.parametrize(
+    ("options", "can_drive"),
+    [
+        ((), True),
+        (("--robots", "2"), False),
+        (("--num-envs", "2"), False),
+        (("--take-over", "gamepad"), False),
+    ],
+)
+def test_the_page_of_a_run_drives_its_only_robot(options, can_drive, monkeypatch, tmp_path, capfd):
+    told = []
+
+    @contextmanager
+    def run_on_page(*_, can_drive, **__):
+        told.append(can_drive)
+        raise PageError("no page here; this is all that is asked")
+        yield
+
+    monkeypatch.setattr("bricksrl.teleoperation.find_pad", Pad)
+    monkeypatch.setattr("bricksrl.cli.train.run_on_page", run_on_page)
+    env = "WalkerSim-v0" if "--num-envs" in options else "RunAway-v0"
+    command = ["train", env, "--page", "--run", str(tmp_path / "run"), *options]
+    assert main(command) == 2
+    assert "this is all that is asked" in capfd.readouterr().err
+    assert told == [can_drive]
+
+
+@pytest.mark.parametrize(("policy", "driven_by"), [("random", "page"), ("gamepad", "pad")])
+def test_who_drives_while_a_page_is_open(policy, driven_by, monkeypatch, tmp_path):
+    driver = SimpleNamespace(name="page")
+    page = SimpleNamespace(driver=driver, attach=lambda env: None, show_step_and_hold=None)
+    drivers = []
+
+    @contextmanager
+    def run_on_page(*_, **__):
+        yield page
+
+    def collect(*_, driver, **__):
+        drivers.append(driver)
+
+    monkeypatch.setattr("bricksrl.teleoperation.find_pad", Pad)
+    monkeypatch.setattr("bricksrl.cli.record.run_on_page", run_on_page)
+    monkeypatch.setattr("bricksrl.data.collect.collect", collect)
+    command = ["record", "WalkerSim-v0", "--policy", policy, "--page"]
+    assert main([*command, "--out", str(tmp_path / "data")]) == 0
+    (found,) = drivers
+    assert (found is driver) == (driven_by == "page")
+    assert found is not None

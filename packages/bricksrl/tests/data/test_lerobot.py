@@ -133,6 +133,19 @@ def test_what_lerobot_recorded_is_read(tmp_path: Path) -> None:
     assert {path: path.read_bytes() for path in root.rglob("*") if path.is_file()} == before
 
 
+def test_images_that_are_not_read_are_named(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    root = lerobot(tmp_path / "set")
+    load(root)
+    assert not caplog.messages
+    picture = {"dtype": "video", "shape": [48, 64, 3], "names": None}
+    info(root, lambda content: content["features"].update({"observation.images.top": picture}))
+    assert len(load(root)) == 5 + 3 + 4
+    (said,) = caplog.messages
+    assert said == f"{root} has images (observation.images.top), which are not read"
+
+
 def test_a_new_episode_begins_where_the_task_ends(tmp_path: Path) -> None:
     root = lerobot(tmp_path / "set", (6,))
     distances = [500.0, 600.0, 30.0, 700.0, 800.0, 900.0]
