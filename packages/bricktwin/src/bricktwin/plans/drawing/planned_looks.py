@@ -122,13 +122,19 @@ def _uncovered(
     """A shape of a part without the triangles that other parts hide: those with material just
     outside of them."""
     samples = offset_points(placed.to_plan(shape.points)[shape.faces], _CLEARANCE)
-    covered = np.zeros(samples.shape[:2], dtype=bool)
     flat_samples = samples.reshape(-1, 3)
+    is_covered = np.zeros(len(flat_samples), dtype=bool)
     for other in others:
-        points = other.to_part(flat_samples)
+        # Most samples are not even in the bounds of the other part.
+        low, high = other.bounds
+        is_near = ((low <= flat_samples) & (flat_samples <= high)).all(axis=1)
+        asked = np.flatnonzero(is_near & ~is_covered)
+        if not len(asked):
+            continue
+        points = other.to_part(flat_samples[asked])
         for solid in other.part.solids:
-            is_inside = solid.contains(points, 0.0)
-            covered |= is_inside.reshape(covered.shape)
+            is_covered[asked] |= solid.contains(points, 0.0)
+    covered = is_covered.reshape(samples.shape[:2])
     # A triangle is removed only if all of its samples are hidden.
     visible = shape.faces[~covered.all(axis=1)]
     # The points that no triangle uses any more are removed too, and the faces are numbered anew.
