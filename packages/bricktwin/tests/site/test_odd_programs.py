@@ -146,3 +146,14 @@ def test_too_deep_a_program_leaves_the_page_usable(page: Page, number: int) -> N
 def test_an_endless_program_is_stopped(page: Page, number: int) -> None:
     assert stopped_after_s(page, ENDLESS[number]) < STOP_S
     check_usable(page)
+
+
+@pytest.mark.slow
+@pytest.mark.realtime
+def test_a_stop_that_python_does_not_hear_ends_its_worker(page: Page) -> None:
+    """A built-in function of Python's own asks nobody whether it should stop."""
+    assert stopped_after_s(page, "print('begin')\nmax(range(10 ** 9))\n") < 2 * STOP_S
+    # Another worker starts; the page says what came of the program nevertheless.
+    page.wait_for_timeout(8000)
+    assert page.text_content("#state") == "stopped"
+    check_usable(page)

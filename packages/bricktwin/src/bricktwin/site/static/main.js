@@ -31,7 +31,8 @@ async function begin() {
 
   const hub = new Hub({
     ready() {
-      if (!state.isBusy) state.set("ready");
+      // What came of the last run stays: Python starts again after a stop that came late, too.
+      if (state.name === "starting" || state.name === "failed") state.set("ready");
       if (wanted) run(...wanted);
       teach?.begin();
       setTimeout(keepForOffline, OFFLINE_AFTER_MS);
