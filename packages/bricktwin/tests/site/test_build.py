@@ -15,6 +15,8 @@ from bricktwin.site.packages import Package, SiteError
 from bricktwin.site.tab.plain_values import plain
 from bricktwin.twin.scene import Scene
 
+ROOT = Path(__file__).parents[4]
+
 
 def test_other_files_are_not_replaced(tmp_path: Path) -> None:
     (tmp_path / "homework.txt").write_text("mine")
@@ -124,3 +126,16 @@ def test_a_compiler_that_fails_is_told(tmp_path: Path, monkeypatch: pytest.Monke
     work.mkdir()
     with pytest.raises(SiteError, match="modules for the tab cannot be compiled: .*Error"):
         compiled.write_archives(tmp_path / "pyodide", b"", work, tmp_path / "made")
+
+
+@pytest.mark.slow
+def test_the_whole_site_transfers_at_most_12_mb(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """With all robots and worlds; a phone downloads it once."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(ROOT / "build" / "site-cache"))
+    try:
+        files = build.build_site(tmp_path / "site")
+    except SiteError as error:
+        pytest.skip(str(error))
+    assert sum(path.stat().st_size for path in files) < 12e6

@@ -23,14 +23,24 @@ mpy_cross.put_in_place(lambda name, source, options: (1, None, ""))
 import bricktwin.site.tab.robot_file
 import bricktwin.site.tab.run
 
+import ast
 import importlib.util
-import os
 import zipfile
 from importlib._bootstrap_external import _code_to_hash_pyc
 
 # Which are read as texts, too.
 READ = ("/frozen/", "/onboard/")
 files = {getattr(module, "__file__", None) or "" for module in sys.modules.values()}
+
+
+def without_docstrings(content):
+    """Syntax tree in which docstrings, which no tab shows, are a dot: without any, each dataclass would write its own."""
+    tree = ast.parse(content)
+    for node in ast.walk(tree):
+        can_have_one = isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef)
+        if can_have_one and ast.get_docstring(node, clean=False) is not None:
+            node.body[0].value.value = "."
+    return tree
 
 
 def compile_archive(name, top):
@@ -42,7 +52,7 @@ def compile_archive(name, top):
             if f"{top}/{entry}" not in files or any(folder in entry for folder in READ):
                 compiled.writestr(info, content)
                 continue
-            code = compile(content, entry, "exec", dont_inherit=True)
+            code = compile(without_docstrings(content), entry, "exec", dont_inherit=True)
             # It is not compared with its source, which is not there.
             binary = _code_to_hash_pyc(code, importlib.util.source_hash(content), False)
             info.filename += "c"
