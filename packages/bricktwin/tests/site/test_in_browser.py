@@ -263,3 +263,11 @@ def test_each_control_has_a_name(page: Page) -> None:
             .map((element) => element.outerHTML)"""
     )
     assert nameless == []
+
+
+def test_where_there_is_no_web_serial_the_page_says_who_has_it(page: Page) -> None:
+    page.evaluate("Object.defineProperty(navigator, 'serial', { configurable: true, value: null })")
+    page.click("#connect-cable")
+    said = page.text_content("#note") or ""
+    page.evaluate("delete navigator.serial")
+    assert "Firefox, Safari, phones and tablets do not" in said

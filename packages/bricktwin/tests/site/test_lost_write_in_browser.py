@@ -3,12 +3,14 @@ cable: the browser's promise stays open for ever, or ends late."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 import pytest
+from browser import TIMEOUT_MS
 
 if TYPE_CHECKING:
-    from playwright.sync_api import Page
+    from playwright.sync_api import Browser, Page
 
 # A browser's Bluetooth with one device, whose writes end when the test lets them.
 PLAYED = """async ([how]) => {
@@ -54,6 +56,19 @@ PLAYED = """async ([how]) => {
     const read = await Promise.race([gatt.do({ operation: "read", characteristic: "hub" }), late]);
     return { ended, lost, isOpen, next: await Promise.race([next, late]), read, writes: writes.length };
 }"""  # noqa: E501
+
+
+@pytest.fixture(scope="module")
+def page(address: str, browser: Browser) -> Iterator[Page]:
+    """A file of the site, beside whose scripts no Python has to start."""
+    opened = browser.new_page()
+    opened.set_default_timeout(TIMEOUT_MS)
+    errors: list[str] = []
+    opened.on("pageerror", lambda error: errors.append(str(error)))
+    opened.goto(f"{address}files.json")
+    yield opened
+    opened.close()
+    assert not errors
 
 
 @pytest.mark.parametrize("how", ["stays open", "rejects", "resolves"])
@@ -129,9 +144,3 @@ def test_a_pulled_cable_ends_a_write_and_is_found_again(page: Page) -> None:
     assert (told["next"], told["closed"], told["lost"]) == ({}, {}, 1)
     assert told["written"] == [[255, 0]]
     assert (told["isConnected"], told["isOpen"]) == (False, False)
-
-
-def test_where_there_is_no_web_serial_the_page_says_who_has_it(page: Page) -> None:
-    page.evaluate("Object.defineProperty(navigator, 'serial', { configurable: true, value: null })")
-    page.click("#connect-cable")
-    assert "Firefox, Safari, phones and tablets do not" in (page.text_content("#note") or "")
