@@ -141,6 +141,16 @@ def test_too_deep_a_program_leaves_the_page_usable(page: Page, number: int) -> N
 
 
 @pytest.mark.slow
+def test_what_one_program_piled_up_ends_no_later_one(page: Page) -> None:
+    """Lists a hundred thousand deep, which take more stack to be removed than a browser has."""
+    for source in 3 * TOO_DEEP[-2:]:
+        _, shown, _ = run_program(page, source)
+        assert "MemoryError" in shown, "it has begun, and has ended by what it did itself"
+        page.wait_for_selector("#state.ready, #state.error, #state.finished")
+    check_usable(page)
+
+
+@pytest.mark.slow
 @pytest.mark.realtime
 @pytest.mark.parametrize("number", range(len(ENDLESS)))
 def test_an_endless_program_is_stopped(page: Page, number: int) -> None:

@@ -15,6 +15,7 @@ const say = (kind, values = {}, transfer = []) => postMessage({ kind, ...values 
 let python = null, runInTab = null, runInRoom = null, bodyInTab = null, readJson = null, mailbox = null;
 let mujoco = null, physics = null; // a promise of MuJoCo, and the physics of a robot that was chosen
 let hasKits = false;
+let garbage = null; // Python's module gc
 let hubMailbox = null, realHub = null; // once a hub is connected
 let poses = []; // of the frames since the last post
 
@@ -67,6 +68,8 @@ async function start({ memory, hubMemory, interrupt, needsPhysics }) {
   runInRoom = run.run_in_room;
   bodyInTab = python.pyimport("bricktwin.site.tab.robot_file").body_in_tab;
   readJson = python.pyimport("json").loads;
+  garbage = python.pyimport("gc");
+  garbage.freeze(); // what is imported stays
   say("ready");
 }
 
@@ -123,6 +126,8 @@ async function run({ robot, picture, boxes, ...request }) {
   const act = request.goal ? python.pyimport("bricktwin.site.tab.teach").teach_in_tab : runInTab;
   const code = act(JSON.stringify(request), page, body);
   body?.destroy();
+  // What a program has piled too high to be taken down again is too much in its own run, not in one after it.
+  garbage.collect();
   say("ended", { code });
 }
 
