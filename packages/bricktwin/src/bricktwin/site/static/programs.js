@@ -72,7 +72,8 @@ export function saveFile(name, text) {
 // A link holds the program itself, in the part of an address that no server is told.
 export async function linkOf(program) {
   const bytes = await through(new CompressionStream("deflate-raw"), new TextEncoder().encode(JSON.stringify(program)));
-  const text = btoa(String.fromCharCode(...bytes)).replaceAll("+", "-").replaceAll("/", "_").replaceAll("=", "");
+  const letters = Array.from(bytes, (byte) => String.fromCharCode(byte)).join("");
+  const text = btoa(letters).replaceAll("+", "-").replaceAll("/", "_").replaceAll("=", "");
   return `${location.href.split("#")[0]}#program=${text}`;
 }
 
