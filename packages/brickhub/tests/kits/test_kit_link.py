@@ -204,12 +204,16 @@ def test_drawn_faults_leave_no_step_hanging() -> None:
 
 
 def test_in_real_time_the_world_catches_up_with_what_took_long_outside() -> None:
-    now_s = [0.0]
-    body = BenchBody(ROBOT, {"light": lambda angles: 50})
-    kit = VirtualKit(body, realtime=True)
-    kit._pace = Pace(lambda: now_s[0], lambda seconds: now_s.__setitem__(0, now_s[0] + seconds))
+    wall_s = 0.0
+
+    def sleep(seconds: float) -> None:
+        nonlocal wall_s
+        wall_s += seconds
+
+    kit = VirtualKit(BenchBody(ROBOT, {"light": lambda angles: 50}), realtime=True)
+    kit._pace = Pace(lambda: wall_s, sleep)
     kit.sleep(0.5)
     assert kit.now_s() == pytest.approx(0.5, abs=0.011)
-    now_s[0] = 2.0
+    wall_s = 2.0
     kit.sleep(0.1)
     assert kit.now_s() == pytest.approx(2.0, abs=0.011)

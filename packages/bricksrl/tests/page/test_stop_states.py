@@ -171,6 +171,11 @@ def test_stop_is_reached_by_keyboard_and_seen_at_each_size(browser: object) -> N
         for width, height in ((1280, 800), (390, 844), (320, 568), (844, 390), (568, 320)):
             page.set_viewport_size({"width": width, "height": height})
             page.evaluate("scrollTo(0, 3000)")
+            # Away from it, and back by the keyboard.
+            page.keyboard.press("Tab")
+            assert page.evaluate("document.activeElement.id") != "stop"
+            page.keyboard.press("Shift+Tab")
+            assert page.evaluate("document.activeElement.id") == "stop"
             for place in ("#stop", "#stop-said"):
                 box = page.locator(place).bounding_box()
                 assert box["x"] >= 0 and box["x"] + box["width"] <= width

@@ -203,6 +203,19 @@ def test_a_link_holds_the_program(page: Page) -> None:
     assert link == [page.url, {"name": name, "source": "print('from a friend: ä')\n"}]
 
 
+def test_a_link_holds_a_large_program(page: Page) -> None:
+    """Four hundred thousand letters that hardly become less."""
+    assert page.evaluate(
+        """async () => {
+            const { linkOf, programOf } = await import("./programs.js");
+            const parts = Array.from({ length: 40_000 }, () => Math.random().toString(36).slice(2, 12).padEnd(10, "x"));
+            const source = parts.join("");
+            const link = await linkOf({ name: "large.py", source });
+            return (await programOf(new URL(link).hash)).source === source;
+        }"""  # noqa: E501
+    )
+
+
 @pytest.mark.slow
 def test_an_address_opens_an_example_and_runs_it(page: Page, address: str) -> None:
     other = page.context.new_page()

@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+import gc
 import io
 import json
 import signal
 import struct
 import subprocess
 import sys
+import tracemalloc
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 from brickhub.virtual.run import run_file
+from bricktwin.robots import TWO_WHEELER
 from bricktwin.site.tab import run
+from bricktwin.twin.make_body import make_body
 
 ROW = 8
 SENSOR = (
@@ -223,3 +227,41 @@ def test_what_is_wrong_with_a_device_of_ones_own_is_said(gauge: str | None, says
     files = {"main.py": MEASURES} | ({} if gauge is None else {"gauge.py": gauge})
     assert run_source(page, MEASURES, files=files) != 0
     assert says in page.text("err")
+
+
+class MeasuredPage(PlayedPage):
+    """A page that keeps nothing, and measures each minute what Python holds."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.held: list[int] = []
+
+    def post(self, events: str, rows: bytes) -> None:
+        """Nothing is kept."""
+
+    def may_go_on(self, time_ms: int) -> bool:
+        if time_ms >= 60_000 * (len(self.held) + 1):
+            gc.collect()
+            self.held.append(tracemalloc.get_traced_memory()[0])
+        return True
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(1200)
+def test_a_program_without_end_takes_no_more_memory() -> None:
+    source = (
+        "from pybricks.parameters import Direction, Port\n"
+        "from pybricks.pupdevices import Motor\nfrom pybricks.robotics import DriveBase\n"
+        "base = DriveBase(Motor(Port.E, Direction.COUNTERCLOCKWISE), Motor(Port.A), 56, 130)\n"
+        "while True:\n    base.curve(100, 360)\n    print(base.distance())\n"
+    )
+    content = {"files": {"main.py": source}, "name": "main.py", "readings": []}
+    page = MeasuredPage()
+    tracemalloc.start()
+    try:
+        run.run_in_tab(json.dumps({**content, "time_limit_s": 310}), page, make_body(TWO_WHEELER))
+    finally:
+        tracemalloc.stop()
+    assert len(page.held) == 5
+    # The first minute fills what is kept of what was last seen and said.
+    assert max(page.held[1:]) - page.held[0] < 10_000
