@@ -5,6 +5,7 @@ All depths are single precision, which is enough for a picture. A ray that misse
 for its depths there: whatever NaN is compared with, the answer is no.
 """
 
+import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -168,8 +169,7 @@ class Grid(NamedTuple):
         reach = half / abs(away)
         middle = centre / away
         enter = self.plane(-right / away, -down / away, middle - reach)
-        leave = self.plane(-right / away, -down / away, middle + reach)
-        return Spans(enter, leave)
+        return Spans(enter, enter + np.float32(2 * reach))
 
     def _tube(
         self,
@@ -180,18 +180,16 @@ class Grid(NamedTuple):
         """Spans of the rays in an endless cylinder; its two axes across [2, 3]."""
         along = turned[:, 2]
         square = float(along @ along)
+        in_view = np.column_stack([turned[:, :2], -centre])  # [2, 3]
         if square < _PARALLEL:
-            (right, down), (right_too, down_too) = turned[:, :2].tolist()
-            first = self.plane(right, down, float(-centre[0]))
-            second = self.plane(right_too, down_too, float(-centre[1]))
+            first, second = (self.plane(*row) for row in in_view.tolist())
             return _everywhere(first**2 + second**2 < radius**2)
         # The ray comes nearest to the axis in the middle of its way through the cylinder; both
         # that depth and how near it comes depend on x and y like planes.
-        middle = np.append(-along @ turned[:, :2], along @ centre) / square
-        normal = np.array([along[1], -along[0]]) / np.sqrt(square)
-        nearest = np.append(normal @ turned[:, :2], -normal @ centre)
-        reach = np.square(self.plane(*nearest.tolist()))
-        return _around(self.plane(*middle.tolist()), reach, radius, square)
+        normal = np.array([along[1], -along[0]]) / math.sqrt(square)
+        middle = self.plane(*(-along @ in_view / square).tolist())
+        nearest = self.plane(*(normal @ in_view).tolist())
+        return _around(middle, np.square(nearest, out=nearest), radius, square)
 
     def _ball(
         self,
@@ -273,18 +271,18 @@ def first_material(span: Spans, cuts: Sequence[Cut]) -> tuple[Reals, Ints]:
     cuts that they come out of, -1 for none."""
     at = span.enter.copy()
     cut_by = np.full(at.shape, -1, dtype=np.int16)
-    boxes = np.array([cut.box for cut in cuts]).reshape(-1, 4)
     # Cuts overlap, as a bore and its recesses do, so a ray that leaves one may be in another that
     # was tested before it. Only those that share rays with a cut that moved some are tested again.
-    waiting = set(range(len(cuts)))
+    is_beside = _beside(np.array([cut.box for cut in cuts]).reshape(-1, 4))
+    is_waiting = np.ones(len(cuts), dtype=bool)
     for _ in range(_MAX_PASSES):
-        if not waiting:
+        if not is_waiting.any():
             break
-        again = set[int]()
-        for number in sorted(waiting):
+        is_next = np.zeros(len(cuts), dtype=bool)
+        for number in np.flatnonzero(is_waiting).tolist():
             if _leave(cuts[number], number, at, cut_by):
-                again.update(_beside(boxes, number))
-        waiting = again
+                is_next |= is_beside[number]
+        is_waiting = is_next
     at[~(at < span.leave - _EPSILON)] = np.nan
     return at, cut_by
 
@@ -306,12 +304,12 @@ def _leave(
     return True
 
 
-def _beside(boxes: Ints, number: int) -> list[int]:
-    """Indices of the other boxes (left, top, right, bottom) [n, 4] that share rays with one."""
+def _beside(boxes: Ints) -> Bools:
+    """Whether two boxes (left, top, right, bottom) [n, 4] share rays [n, n]; none is beside
+    itself."""
     left_top = boxes[:, :2]
     right_bottom = boxes[:, 2:]
-    begins_before = left_top < right_bottom[number]  # [n, 2]
-    ends_after = left_top[number] < right_bottom
-    is_beside = (begins_before & ends_after).all(axis=1)
-    is_beside[number] = False
-    return [int(other) for other in np.flatnonzero(is_beside)]
+    begins_before = left_top < right_bottom[:, None]  # [n, n, 2]
+    ends_after = right_bottom > left_top[:, None]
+    is_other = ~np.eye(len(boxes), dtype=bool)
+    return np.asarray((begins_before & ends_after).all(axis=2) & is_other)
