@@ -30,7 +30,10 @@ def test_every_pair_is_in_a_row_unless_it_is_refused(command: str) -> None:
 
 
 @pytest.mark.slow
-def test_some_rows_work(tmp_path: Path) -> None:
+def test_some_rows_work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    # The script sets them for all of its process, which has other tests after this one.
+    monkeypatch.setenv("MUJOCO_GL", "disable")
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
     words = [
         "option_pairs",
         "--rows",

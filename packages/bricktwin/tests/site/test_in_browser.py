@@ -101,6 +101,20 @@ def test_a_program_too_much_for_python_leaves_the_page_usable(page: Page) -> Non
     assert run_program(page, "print('still here')\n")[1] == "still here\n"
 
 
+def test_the_last_thousand_lines_are_shown_and_all_are_saved(page: Page) -> None:
+    _, shown, _ = run_program(page, "for n in range(2500):\n    print(n)\n")
+    assert shown.split() == [str(n) for n in range(1500, 2500)]
+    with page.expect_download() as saved:
+        page.click("#save-output")
+    assert saved.value.path().read_text().split() == [str(n) for n in range(2500)]
+    # One after the other, and with an error beside them.
+    source = HEAD + "for n in range(1200):\n    print(n)\n    wait(20)\n1 / 0\n"
+    _, shown, _ = run_program(page, source)
+    first, *between, error = shown.strip().splitlines()
+    assert (first, error) == ("203", "ZeroDivisionError: divide by zero")
+    assert between[:-2] == [str(n) for n in range(204, 1200)]
+
+
 @pytest.mark.parametrize("source", ENDLESS)
 def test_stop_ends_a_program_without_end(page: Page, source: str) -> None:
     # The limit is that of a computer whose cores run other tests; `test_stop_in_browser.py` has

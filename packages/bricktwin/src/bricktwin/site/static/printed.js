@@ -1,6 +1,8 @@
 // What a program prints, as the terminal shows it.
 
 const SHOWN = 100_000, KEPT = 5_000_000; // characters
+// A browser keeps some kilobytes for the layout of a line, and lays them all out again for each new one.
+const LINES = 1000;
 
 export class Printed {
   constructor(element) {
@@ -15,6 +17,7 @@ export class Printed {
     this.last = null;
     this.waiting = []; // [text, kind], one after the other of another kind
     this.shown = 0; // characters
+    this.lines = 0;
   }
 
   // Output of the program: bytes, a character each; a letter may be divided.
@@ -38,23 +41,49 @@ export class Printed {
     this.waiting = [];
     const isAtEnd = element.scrollHeight - element.scrollTop - element.clientHeight < 40;
     for (const [text, kind] of pieces) this.show(text.slice(-SHOWN), kind);
-    // It fills no memory either: the first lines go.
-    while (this.shown > SHOWN && element.childElementCount > 1) {
-      this.shown -= element.firstElementChild.textContent.length;
-      element.firstElementChild.remove();
-    }
+    this.forget();
     if (isAtEnd) element.scrollTop = element.scrollHeight;
   }
 
   show(text, kind) {
-    if (this.last?.className !== kind || this.last.textContent.length > 4000) {
-      this.last = document.createElement("span");
-      this.last.className = kind;
-      this.element.append(this.last);
+    if (this.last?.parentElement.className !== kind || this.last.length > 4000) {
+      const piece = document.createElement("span");
+      piece.className = kind;
+      this.last = piece.appendChild(document.createTextNode(""));
+      this.element.append(piece);
     }
-    this.last.append(text);
+    this.last.appendData(text);
     this.shown += text.length;
+    this.lines += linesIn(text);
   }
+
+  // The first lines go, so that what is shown fills no memory.
+  forget() {
+    const first = () => this.element.firstElementChild.firstChild;
+    const forget = (text) => {
+      this.shown -= text.length;
+      this.lines -= linesIn(text);
+      if (first().length > text.length) first().deleteData(0, text.length);
+      else first().parentElement.remove();
+    };
+    while (this.shown > SHOWN && first() !== this.last) forget(first().data);
+    while (this.lines > LINES) forget(firstLines(first().data, this.lines - LINES));
+  }
+}
+
+function linesIn(text) {
+  return text.split("\n").length - 1;
+}
+
+// At most so many lines of a text, or all that it has.
+function firstLines(text, count) {
+  let end = 0;
+  for (let line = 0; line < count; line++) {
+    const next = text.indexOf("\n", end);
+    if (next < 0) return text;
+    end = next + 1;
+  }
+  return text.slice(0, end);
 }
 
 // Errors at lines of a program, of a traceback as a hub prints it.
