@@ -1,5 +1,5 @@
-"""A race to a return of -20 on WalkerSim-v0: our agents, Stable-Baselines3 and SBX, in robot steps
-and CPU seconds.
+"""A race to a return of -20 on WalkerSim-v0: our agents, Stable-Baselines3, SBX and TorchRL's own
+SAC, in robot steps and CPU seconds.
 
     python -m benchmarks race [--seeds 5] [--first-seed 0] [--every 100] [--limit 4000]
 
@@ -8,7 +8,10 @@ and is evaluated after every ``--every`` steps on 40 deterministic episodes, who
 included; it has reached the goal once their mean return is -20. The others run twice: with our
 features and the values of our default settings (learning rate, discount, temperature, networks,
 layer normalisation where they have it, updates per step, initial random episodes), and with their
-own defaults on raw observations; a delayed actor and mirrored batches only we have. The contestants
+own defaults on raw observations; a delayed actor and mirrored batches only we have. TorchRL has no
+defaults of its own for an agent; its losses run as fast as they can. Imports count, and some import
+whatever they find (TorchRL's buffers import Ray), so an environment should have what users have:
+``pip install bricksrl stable_baselines3``, and SBX, which loads JAX by itself. The contestants
 take turns seed by seed, so that all run under the same load; the result is the median over the
 seeds. A contestant that does not reach the goal within ``--limit`` steps counts with this limit.
 Other contestants stay in the result.
@@ -31,6 +34,7 @@ CONTESTANTS = {
     "ours_sac": ("", ""),
     "ours_td3": ("", ""),
     "ours_droq": ("", ""),
+    "torchrl_sac_like_ours": ("torchrl", "sac"),
     "sb3_sac_like_ours": ("stable_baselines3", "sac"),
     "sbx_sac_like_ours": ("sbx", "sac"),
     "sbx_crossq_like_ours": ("sbx", "crossq"),
@@ -189,6 +193,94 @@ def run_other(package: str, agent: str, seed: int, race: Race, *, like_ours: boo
     model.learn(race.limit, callback=Judge())
 
 
+def run_torchrl(seed: int, race: Race) -> None:
+    """SAC of TorchRL's modules in a plain loop, with our features and settings: without vmap, with
+    one backward pass and a fused Adam."""
+    import torch
+    from tensordict.nn import NormalParamExtractor, TensorDictModule
+    from torch import nn
+    from torchrl.data import LazyTensorStorage, TensorDictReplayBuffer
+    from torchrl.envs.utils import ExplorationType, set_exploration_type, step_mdp
+    from torchrl.modules import MLP, ProbabilisticActor, TanhNormal, ValueOperator
+    from torchrl.objectives import SACLoss, SoftUpdate
+
+    import bricksrl
+    from bricksrl.agents import preset
+    from bricksrl.agents.features.observed import ObservationEncoder
+    from bricksrl.envs.transforms import layout_of
+
+    torch.manual_seed(seed)
+    env = bricksrl.make(ENV, seed=seed)
+    encoder, ours = ObservationEncoder(layout_of(env)), preset("default", "sac")
+
+    def network(inputs: int, outputs: int) -> Any:
+        return MLP(inputs, outputs, num_cells=list(ours.hidden), activation_class=nn.ReLU)
+
+    class Critic(nn.Module):
+        """An action value. Without layer normalisation, with which these needed 700 steps."""
+
+        def __init__(self) -> None:
+            super().__init__()
+            self.network = network(encoder.size + ACTIONS, 1)
+
+        def forward(self, features: torch.Tensor, action: torch.Tensor) -> torch.Tensor:
+            value: torch.Tensor = self.network(torch.cat((features, action), -1))
+            return value
+
+    policy = nn.Sequential(network(encoder.size, 2 * ACTIONS), NormalParamExtractor())
+    spec = env.action_spec
+    actor = ProbabilisticActor(
+        TensorDictModule(policy, ["features"], ["loc", "scale"]),
+        spec=spec,
+        in_keys=["loc", "scale"],
+        distribution_class=TanhNormal,
+        return_log_prob=True,
+    )
+    loss = SACLoss(
+        actor,
+        ValueOperator(Critic(), in_keys=["features", "action"]),
+        num_qvalue_nets=2,
+        loss_function="l2",
+        action_spec=spec,
+        alpha_init=ours.alpha_init,
+        target_entropy=ours.target_entropy * ACTIONS,
+        deactivate_vmap=True,
+    )
+    loss.make_value_estimator(gamma=ours.gamma)
+    targets = SoftUpdate(loss, tau=ours.tau)
+    optimizer = torch.optim.Adam(loss.parameters(), lr=ours.learning_rate, fused=True)
+    buffer = TensorDictReplayBuffer(
+        storage=LazyTensorStorage(race.limit), batch_size=ours.batch_size
+    )
+
+    @torch.no_grad()
+    def act(observation: torch.Tensor) -> torch.Tensor:
+        loc, _ = policy(encoder(observation))
+        return torch.tanh(loc)
+
+    def update() -> None:
+        parts = loss(buffer.sample())
+        (parts["loss_qvalue"] + parts["loss_actor"] + parts["loss_alpha"]).backward()
+        optimizer.step()
+        optimizer.zero_grad()
+        targets.step()
+
+    first = 100 * ours.prefill_episodes
+    state = env.reset()
+    for step in range(1, race.limit + 1):
+        state["features"] = encoder(state["observation"])
+        with torch.no_grad(), set_exploration_type(ExplorationType.RANDOM):
+            state = env.rand_action(state) if step <= first else actor(state)
+        stepped = env.step(state)
+        stepped["next", "features"] = encoder(stepped["next", "observation"])
+        buffer.add(stepped)
+        if step % race.every == 0 and race.is_over(step, act):
+            return
+        for _ in range(round(ours.updates_per_step) if step > first else 0):
+            update()
+        state = env.reset() if bool(stepped["next", "done"]) else step_mdp(stepped)
+
+
 def run(name: str, seed: int, limit: int, every: int) -> list[tuple[int, float, float]]:
     """Evaluations of a contestant: steps, CPU seconds, return."""
     if hasattr(os, "sched_setaffinity"):
@@ -198,7 +290,9 @@ def run(name: str, seed: int, limit: int, every: int) -> list[tuple[int, float, 
     if not package:
         collect_rarely()  # as the command does
     race = Race(limit, every)
-    if package:
+    if package == "torchrl":
+        run_torchrl(seed, race)
+    elif package:
         run_other(package, agent, seed, race, like_ours=name.endswith("like_ours"))
     else:
         run_ours(name.removeprefix("ours_"), seed, race)

@@ -531,6 +531,14 @@ def copies(result: Result) -> str:
     return table(head, rows) + note
 
 
+_PACKAGES = {
+    "ours": "BricksRL",
+    "torchrl": "TorchRL",
+    "sb3": "Stable-Baselines3",
+    "sbx": "SBX",
+}
+
+
 def race(result: Result) -> str:
     """CPU seconds to a return of -20, start-up included."""
     rows = []
@@ -546,7 +554,7 @@ def race(result: Result) -> str:
         times = [run[-1][1] for run in entry["runs"]]
         rows.append(
             [
-                {"ours": "BricksRL", "sb3": "Stable-Baselines3", "sbx": "SBX"}[package],
+                _PACKAGES[package],
                 agent,
                 settings,
                 f"{entry['there']} of {len(times)}",

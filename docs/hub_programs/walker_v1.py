@@ -26,6 +26,7 @@ import umath
 
 UNTIL_DONE = False  # a step ends when all moves have ended
 SETTLE_MS = 250  # and after this time in any case
+COUNTING = ()  # places of what counts from the start of the acting
 AGE_MS = 65  # age of an observation when its commands start
 # Middle and half of each command's range, times its scale.
 SPANS = ((-500.0, 500.0), (-500.0, 500.0), (-500.0, 500.0), (-500.0, 500.0))
@@ -157,7 +158,18 @@ def stop_motors():
             pass  # unplugged; go on with the others
 
 
+def relative(observed, first):
+    """What a policy reads: the observation, with what counts on since the first one."""
+    if not COUNTING:
+        return observed
+    read = list(observed)
+    for place in COUNTING:
+        read[place] -= first[place]
+    return read
+
+
 CLOCK = StopWatch()
+COMMANDED = [0] * len(SPANS)  # the last commands, times their scales
 
 
 def settle(started_ms):
@@ -174,14 +186,19 @@ def settle(started_ms):
 
 def live():
     """Observe, act and wait, step by step."""
+    first = None
     try:
         while True:
             observed = observe()
+            if first is None:
+                first = observed
+            observed = relative(observed, first)
             seen_ms = CLOCK.time()
             commands = [
                 round(middle + half * action)
                 for (middle, half), action in zip(SPANS, act(observed))
             ]
+            COMMANDED[:] = commands
             computed_ms = CLOCK.time() - seen_ms
             wait(max(0, AGE_MS - computed_ms))
             started_ms = CLOCK.time()
