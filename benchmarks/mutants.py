@@ -10,10 +10,10 @@ with the fault and passes without it. What never ends has failed. Verdicts in th
 repeated, unless `--only` names them: an interrupted script resumes.
 
 The tests are those that enter the function (`benchmarks.entries` makes the map first, which takes
-as long as all tests), or, for a constant of a module or class, a function that mentions it: those
-nearest to the file first, up to half a minute of them. Where no test enters it, they are those of
-the module's name, and for a module that Python does not execute, as programs on the hub, those of
-the house. A fault that only further tests find counts as alive.
+as long as all tests), or, for a constant of a module or class, a function that mentions it, or any
+of its file where none does: those nearest to the file first, up to half a minute of them. Where no
+test enters it, they are those of the module's name, and for a module that Python does not execute,
+as programs on the hub, those of the house. A fault that only further tests find counts as alive.
 
 Not drawn is what makes an equal program: no size of a cache, no ``strict`` of a ``zip``, no
 ``check=False`` of `subprocess.run`, which is its default; and nothing in annotations, decorators
@@ -337,6 +337,10 @@ class Tree:
         if f"{file}:{function}" not in self.entries.functions:
             for name in that_mention(self.folder, function.rpartition(".")[2]):
                 found |= by_function.get(name, {})
+            if not found:
+                # Tests alone mention it, and what it is used for is beside it.
+                for name in by_function:
+                    found |= by_function[name] if name.startswith(f"{file}:") else {}
         if found:
             return found
         own, house = f"/test_{Path(file).name}", file.partition("src/")[0]
