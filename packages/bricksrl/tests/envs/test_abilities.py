@@ -84,6 +84,13 @@ def test_commands_are_those_of_the_robot():
     assert [(type(command), command.name) for command in car] == [(RunAngle, "drive")]
 
 
+def test_a_walker_is_mirrored_if_all_of_its_legs_have_an_image():
+    file = EXAMPLES / "walkers" / "two_legs.ldr"
+    assert get_task(f"{file}:walk").symmetric
+    car = EXAMPLES / "13_front_steered.ldr"
+    assert not get_task(f"{car}:ahead").symmetric
+
+
 def test_line_starts_where_the_sensor_is_over_its_edge():
     env = bricksrl.make(f"{PLANS / 'ev3_driver.ldr'}:line", seed=0)
     first = env.reset()["observation"]

@@ -26,7 +26,7 @@ from bricktwin.plans.booklet.picture import VIEWS, Shown, Studio, View, sprite_o
 from bricktwin.plans.booklet.sheets import write_booklet
 from bricktwin.plans.booklet.sprite import _lines
 from bricktwin.plans.building import Occupancy
-from bricktwin.plans.drawing.looks import look_of
+from bricktwin.plans.drawing.looks import TINTS, Tint, look_of
 from bricktwin.plans.drawing.meshes import surface_of
 from bricktwin.plans.plan import read_plan
 
@@ -50,6 +50,13 @@ def picture_of(plan, view=VIEWS[0], zoom=1.0):
 
 def steps_of(*lines):
     return list(instructions(plan_of(*lines), Studio()))
+
+
+def test_all_materials_are_grey_but_two():
+    """The teal of hubs and the warm light of lamps."""
+    spread = {tint: max(colour) - min(colour) for tint, colour in TINTS.items()}
+    assert {tint for tint in spread if spread[tint] > 0.1} == {Tint.TEAL, Tint.LIT}
+    assert all(0.0 <= value <= 1.0 for colour in TINTS.values() for value in colour)
 
 
 def test_every_part_is_drawn_at_its_size():
