@@ -190,6 +190,8 @@ def _children(node: ast.AST) -> list[ast.AST]:
             return []
         case ast.Call(func=function) if _is_cache(function):
             return []
+        case ast.keyword(arg="strict"):
+            return []
     return list(ast.iter_child_nodes(node))
 
 

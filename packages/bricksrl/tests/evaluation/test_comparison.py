@@ -148,6 +148,9 @@ def test_the_commands_print_and_draw(runs: list[Path], tmp_path: Path, capfd) ->
     assert picture.read_bytes().startswith(b"\x89PNG")
     assert main(["compare", *map(str, runs), "--json"]) == 0
     assert len(json.loads(capfd.readouterr().out)["groups"]) == 3
+    assert main(["compare", "--class", str(tmp_path), "--json"]) == 0
+    rows = json.loads(capfd.readouterr().out)["runs"]
+    assert {row["env"] for row in rows} == {"Walker-v0", "RoboArm-v0"} and len(rows) == len(runs)
     assert main(["plot", str(runs[0]), "--out", str(tmp_path / "one.png")]) == 0
     assert main(["plot", str(runs[0]), "--out", str(tmp_path / "one.gif")]) == 2
     for name in ("one.pdf", "one.svg"):
