@@ -37,6 +37,17 @@ def test_shapes_are_closed_and_face_outwards(name: str) -> None:
     assert (np.einsum("ij,ij->i", areas, shape.normals[shape.faces].mean(1)) > 0).all()
 
 
+@pytest.mark.parametrize("axis", [(1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)])
+def test_shapes_are_turned_along_an_axis(axis: tuple[float, float, float]) -> None:
+    # A cone, so that its two ends are told apart.
+    cone = turned([(0, 3), (5, -3), (0, -3)]).along(axis)
+    along = cone.points @ np.array(axis)
+    across = np.linalg.norm(cone.points - np.outer(along, axis), axis=1)
+    assert (along.min(), along.max()) == pytest.approx((-3.0, 3.0))
+    assert across[np.isclose(along, 3.0)] == pytest.approx(0.0, abs=1e-9)
+    assert across[np.isclose(along, -3.0)].max() == pytest.approx(5.0)
+
+
 @given(st.floats(0.2, 200.0), st.floats(0.01, 1.0))
 def test_polygon_is_nowhere_far_from_its_circle(radius: float, chord_error: float) -> None:
     sides = circle_sides(radius, chord_error)
