@@ -25,9 +25,17 @@ from bricksrl.errors import DescriptionError, RunError
 from bricksrl.evaluation import evaluate
 from bricksrl.training import Phase, TrainConfig, resume, train
 from bricksrl.training.checkpoint import load_checkpoint
+from bricksrl.training.learners import one_robot
 
 ENV, COPIES, ROUND = "WalkerSim-v0", 4, 20
 SMALL: dict[str, Any] = {"hidden": (8,), "batch_size": 16, "updates_per_step": 0.125}
+
+
+def test_one_robot_of_many_is_the_first_on_the_processor(tmp_path: Path) -> None:
+    copies = config("sac", tmp_path, num_envs=COPIES, device="meta")
+    assert one_robot(copies) == replace(copies, num_envs=1, device="cpu")
+    fleet = TrainConfig("Walker-v1", hub="virtual,virtual", run_dir=tmp_path)
+    assert one_robot(fleet) == replace(fleet, hub="virtual", robots=1)
 
 
 def config(agent: str, run_dir: Path, **changes: Any) -> TrainConfig:

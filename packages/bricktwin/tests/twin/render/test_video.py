@@ -19,7 +19,7 @@ from bricktwin.twin.make_body import make_body
 from bricktwin.twin.mujoco_body import MujocoBody
 from bricktwin.twin.physics import Physics
 from bricktwin.twin.render.opengl import Renderer
-from bricktwin.twin.render.video import filmed
+from bricktwin.twin.render.video import captioned, filmed
 from bricktwin.twin.scene import Scene
 
 DRIVE = """
@@ -96,3 +96,15 @@ def test_unfilmable_program_raises(tmp_path: Path, capsys) -> None:
         )
         captured = capsys.readouterr()
         assert captured.out == "" and captured.err.startswith("error: ") and says in captured.err
+
+
+@pytest.mark.parametrize("line", ["", "return 12"])
+def test_text_has_a_box_of_its_size_and_the_rest_stays(line: str) -> None:
+    paper = np.full((360, 640, 3), 200, np.uint8)
+    changed = (captioned(paper, "Walker-v0", line) != paper).any(2)
+    rows, columns = np.flatnonzero(changed.any(1)), np.flatnonzero(changed.any(0))
+    # Margins of 8 pixels; 13 for the title, and 10 for a line, 4 below it.
+    height_px = 2 * 8 + 13 + (4 + 10 if line else 0)
+    assert (rows[0], columns[0]) == (8, 8)
+    assert rows[-1] - rows[0] + 1 == height_px
+    assert columns[-1] < 200
