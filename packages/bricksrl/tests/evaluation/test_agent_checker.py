@@ -55,6 +55,8 @@ def test_our_agents_pass_check(agent: str) -> None:
         "copies",
     ]
     assert [check for check in checks if check.outcome is Outcome.ERROR] == []
+    # Each says what it found, or why it was left out.
+    assert all(check.detail for check in checks), checks
 
 
 def test_user_agent_passes_check(tmp_path: Path) -> None:
