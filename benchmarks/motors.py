@@ -44,9 +44,10 @@ class Stand:
     """A motor on the stand, at 7.2 V from the start."""
 
     def __init__(self, kind: MotorKind, *, battery_v: float = SHEET_V) -> None:
+        hubs = (HubKind.PRIME, HubKind.EV3)
         robot = Robot(
             "stand",
-            HubKind.PRIME,
+            next(hub for hub in hubs if hub.model.takes(kind.model)),
             motors=(Motor("motor", PORT, kind),),
             model=f"{__name__}:stand",
             needs_imu=False,
