@@ -11,7 +11,7 @@ repeated, unless `--only` names them: an interrupted script resumes.
 
 The tests are those that enter the function (`benchmarks.entries` makes the map first, which takes
 as long as all tests), or, for a constant of a module or class, a function that mentions it, or any
-of its file where none does: those nearest to the file first, up to half a minute of them. Where no
+of its file where none does: those nearest to the file first, up to two minutes of them. Where no
 test enters it, they are those of the module's name, and for a module that Python does not execute,
 as programs on the hub, those of the house. A fault that only further tests find counts as alive.
 
@@ -49,7 +49,7 @@ TEST_S, QUIET_S = 180.0, 400.0
 """Longest time of a test without a limit of its own, and of a run of pytest that reports
 nothing."""
 LOG = "log.txt"
-TESTS_S = 30.0
+TESTS_S = 120.0
 """CPU time of the tests that a fault is tried with, without the start of pytest."""
 
 _BOUNDARY = {ast.Lt: ast.LtE, ast.LtE: ast.Lt, ast.Gt: ast.GtE, ast.GtE: ast.Gt}

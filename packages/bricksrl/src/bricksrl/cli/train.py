@@ -403,7 +403,7 @@ def run_training(
     served_page = run_on_page(
         address,
         config.env,
-        config,
+        config.robot,
         on_stop=stop.set,
         can_drive=can_drive,
     )

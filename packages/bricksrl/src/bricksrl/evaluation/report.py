@@ -24,7 +24,6 @@ from bricksrl.errors import (
 from bricksrl.evaluation.evaluator import EvaluationResult
 from bricksrl.evaluation.film import Film, check_run_filmable, film_run, side_by_side
 from bricksrl.training.callbacks import Episode
-from bricksrl.training.config import TrainConfig
 from bricksrl.training.run_folder import Origin, RunFolder
 from bricktwin.report_page import plain_number, report_page
 
@@ -106,14 +105,14 @@ def write_report(
         # A disk that is full for a film may have room for the report.
         reason = str(error)
     folder = RunFolder(run_dir)
-    config = folder.read_config()
-    name = config.name
+    origin = folder.origin()
+    name = folder.trained_by()
     # No format code that all systems have gives a day without a leading zero.
     date = f"{datetime.now().astimezone():%d %B %Y}".lstrip("0")
     body = [
         f"<h1>{html.escape(result.env)}: what the robot has learned</h1>",
         f"<p class=who>{html.escape(f'{name} · {date}' if name else date)}</p>",
-        *_about(config),
+        *_about(origin),
         f"<p class=lead>{_lead(episodes, result, films)}</p>",
         *_film_part(films, reason),
         *_picture(films),
@@ -123,7 +122,7 @@ def write_report(
         "<h2>Evaluation</h2>",
         _table((html.escape(label), html.escape(value)) for label, value in rows(result)),
         "<section class=screen><h2>Go on</h2>",
-        _commands(run_dir, folder.origin(), result.trained_episodes),
+        _commands(run_dir, origin, result.trained_episodes),
         "</section>",
     ]
     path = run_dir / "report.html"
@@ -134,11 +133,11 @@ def write_report(
     return path, str(films.both) if films is not None else f"none: {reason}"
 
 
-def _about(config: TrainConfig) -> Iterable[str]:
+def _about(origin: Origin) -> Iterable[str]:
     """What the robot was to learn, in the words of its task; nothing for an environment that was
     given to `train`, and has no name to look it up by."""
     with contextlib.suppress(BricksError):
-        yield f"<p>{html.escape(get_task(config.env, **config.options).summary)}</p>"
+        yield f"<p>{html.escape(get_task(origin.env, **origin.options.options).summary)}</p>"
 
 
 def _lead(

@@ -131,6 +131,11 @@ class RunFolder:
             bool(config.updates),
         )
 
+    def trained_by(self) -> str:
+        """Name of who trained, in a class; "" if nobody gave one. Raises the errors of
+        `read_config`."""
+        return self.read_config().name
+
     def read_evaluation(self) -> dict[str, Any] | None:
         """The latest evaluation, as `EvaluationResult` wrote it; ``None`` if there is none, or it
         is damaged."""
