@@ -12,6 +12,9 @@ way             learns before                             in a world
 ==============  ========================================  =====================================================================
 gait            300 robot steps on the nominal twin       searches on
 sac             40 episodes in drawn worlds               learns on
+retained        as sac                                    learns on, and draws half of each batch from what it saw before
+steered         as sac                                    searches three numbers that steer it, see `benchmarks.steered`, after
+                                                          300 robot steps of that on the nominal twin
 conditioned     40 episodes in drawn worlds, told their   searches the numbers of the physics that the policy is told, after
                 physics, see `benchmarks.conditioned`     300 robot steps of that on the nominal twin
 fitted          as gait                                   fits a twin to its motion there, and searches on in that twin
@@ -44,6 +47,7 @@ import bricksrl
 from benchmarks.conditioned import conditioned
 from benchmarks.gait import SEED, STEPS, WALKER
 from benchmarks.session import Session
+from benchmarks.steered import steered
 from benchmarks.study_tables import OUTSIDE, drawn_twins
 from brickhub.hub.link.lockstep import HubLink
 from brickhub.target import whole_interface
@@ -83,9 +87,16 @@ def sac(seed: int, episodes: int, _: Path) -> TrainConfig:
     return TrainConfig(WALKER, "sac", episodes, seed, randomize=True, record=False)
 
 
+def recorded_sac(seed: int, episodes: int, folder: Path) -> TrainConfig:
+    """SAC in drawn worlds, with the transitions kept."""
+    return replace(sac(seed, episodes, folder), record=True)
+
+
 WAYS: dict[str, Callable[[int, int, Path], TrainConfig]] = {
     "gait": gait,
     "sac": sac,
+    "retained": recorded_sac,
+    "steered": steered,
     "conditioned": conditioned,
     "fitted": gait,
 }
@@ -115,6 +126,8 @@ def adapted(
         randomize=False,
         physics=place,
         start=str(start),
+        demonstrations=str(start) if way == "retained" else None,
+        record=False,
     )
     with tempfile.TemporaryDirectory() as parent:
         run = Path(parent) / "run"

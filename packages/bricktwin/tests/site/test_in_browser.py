@@ -101,18 +101,29 @@ def test_a_program_too_much_for_python_leaves_the_page_usable(page: Page) -> Non
     assert run_program(page, "print('still here')\n")[1] == "still here\n"
 
 
-def test_the_last_thousand_lines_are_shown_and_all_are_saved(page: Page) -> None:
-    _, shown, _ = run_program(page, "for n in range(2500):\n    print(n)\n")
-    assert shown.split() == [str(n) for n in range(1500, 2500)]
+def test_the_last_5000_lines_are_shown_and_all_are_saved(page: Page) -> None:
+    _, shown, _ = run_program(page, "for n in range(12000):\n    print(n)\n")
+    first, *others = map(int, shown.split())
+    # What goes is a piece of up to 250 lines.
+    assert 6750 <= first <= 7000
+    assert others == list(range(first + 1, 12000))
     with page.expect_download() as saved:
         page.click("#save-output")
-    assert saved.value.path().read_text().split() == [str(n) for n in range(2500)]
-    # One after the other, and with an error beside them.
-    source = HEAD + "for n in range(1200):\n    print(n)\n    wait(20)\n1 / 0\n"
+    assert saved.value.path().read_text().split() == [str(n) for n in range(12000)]
+
+
+def test_lines_come_one_after_the_other_and_an_error_beside_them(page: Page) -> None:
+    """As many as are shown, and then some: in the end the first ones are gone."""
+    source = HEAD + "for n in range(5600):\n    print(n)\n    wait(5)\n1 / 0\n"
     _, shown, _ = run_program(page, source)
     first, *between, error = shown.strip().splitlines()
-    assert (first, error) == ("203", "ZeroDivisionError: divide by zero")
-    assert between[:-2] == [str(n) for n in range(204, 1200)]
+    assert error == "ZeroDivisionError: divide by zero"
+    assert 350 <= int(first) <= 605
+    assert between[:-2] == [str(n) for n in range(int(first) + 1, 5600)]
+    # A block begins where a line ends, and the error is shown as one.
+    blocks = page.eval_on_selector_all("#console .block", "all => all.map(one => one.textContent)")
+    assert all(block.endswith("\n") for block in blocks)
+    assert page.locator("#console .err").count() == 1
 
 
 @pytest.mark.parametrize("source", ENDLESS)

@@ -1,8 +1,10 @@
 // What a program prints, as the terminal shows it.
 
 const SHOWN = 100_000, KEPT = 5_000_000; // characters
-// A browser keeps some kilobytes for the layout of a line, and lays them all out again for each new one.
-const LINES = 1000;
+// A browser keeps about a kilobyte for the layout of a line.
+const LINES = 5000;
+// It lays out a whole block for each new line of it, but no other block.
+const BLOCK_LINES = 250, PIECE = 4000; // characters of a piece, which has one kind
 
 export class Printed {
   constructor(element) {
@@ -14,6 +16,8 @@ export class Printed {
     this.text = "";
     this.decoder = new TextDecoder();
     this.element.replaceChildren();
+    this.block = null;
+    this.blockLines = 0;
     this.last = null;
     this.waiting = []; // [text, kind], one after the other of another kind
     this.shown = 0; // characters
@@ -46,28 +50,48 @@ export class Printed {
   }
 
   show(text, kind) {
-    if (this.last?.parentElement.className !== kind || this.last.length > 4000) {
+    while (text) {
+      if (!this.block || this.blockLines >= BLOCK_LINES) this.beginBlock();
+      const part = firstLines(text, BLOCK_LINES - this.blockLines);
+      this.showPiece(part, kind);
+      text = text.slice(part.length);
+    }
+  }
+
+  // Only where a line has ended: a block begins on a line of its own.
+  beginBlock() {
+    this.block = this.element.appendChild(document.createElement("span"));
+    this.block.className = "block";
+    this.blockLines = 0;
+    this.last = null;
+  }
+
+  showPiece(text, kind) {
+    if (this.last?.parentElement.className !== kind || this.last.length > PIECE) {
       const piece = document.createElement("span");
       piece.className = kind;
       this.last = piece.appendChild(document.createTextNode(""));
-      this.element.append(piece);
+      this.block.append(piece);
     }
     this.last.appendData(text);
+    const lines = linesIn(text);
     this.shown += text.length;
-    this.lines += linesIn(text);
+    this.lines += lines;
+    this.blockLines += lines;
   }
 
-  // The first lines go, so that what is shown fills no memory.
+  // The first pieces go, so that what is shown fills no memory.
   forget() {
-    const first = () => this.element.firstElementChild.firstChild;
-    const forget = (text) => {
+    for (;;) {
+      const block = this.element.firstElementChild, piece = block?.firstElementChild;
+      if (!piece || piece === this.last?.parentElement) return;
+      const text = piece.textContent, lines = linesIn(text);
+      if (this.shown <= SHOWN && this.lines - lines < LINES) return;
       this.shown -= text.length;
-      this.lines -= linesIn(text);
-      if (first().length > text.length) first().deleteData(0, text.length);
-      else first().parentElement.remove();
-    };
-    while (this.shown > SHOWN && first() !== this.last) forget(first().data);
-    while (this.lines > LINES) forget(firstLines(first().data, this.lines - LINES));
+      this.lines -= lines;
+      piece.remove();
+      if (!block.firstElementChild) block.remove();
+    }
   }
 }
 
