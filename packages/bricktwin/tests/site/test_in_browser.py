@@ -309,3 +309,27 @@ def test_where_there_is_no_web_serial_the_page_says_who_has_it(page: Page) -> No
     said = page.text_content("#note") or ""
     page.evaluate("delete navigator.serial")
     assert "Firefox, Safari, phones and tablets do not" in said
+
+
+@pytest.mark.parametrize("is_stopped_first", [False, True])
+@pytest.mark.parametrize("source", [ENDLESS[0], ENDLESS[2]])
+def test_another_robot_ends_the_program_and_the_page_is_ready(
+    page: Page, source: str, is_stopped_first: bool
+) -> None:
+    open_program(page, source)
+    page.select_option("#rate", "1")
+    page.click("#run")
+    page.wait_for_selector("#state.running")
+    # At once, as by a program that presses: a person may do it within one picture.
+    page.evaluate(
+        """(isStoppedFirst) => {
+            if (isStoppedFirst) document.querySelector("#stop").click();
+            const robot = document.querySelector("#robot");
+            robot.value = "two-wheeler";
+            robot.dispatchEvent(new Event("change", { bubbles: true }));
+        }""",
+        is_stopped_first,
+    )
+    page.wait_for_selector("#state.stopped", timeout=20_000)
+    page.select_option("#robot", "bench")
+    assert run_program(page, "print('still here')\n")[1] == "still here\n"

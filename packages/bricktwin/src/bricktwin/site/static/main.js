@@ -232,6 +232,8 @@ async function begin() {
 
   async function chooseRobot(robot, world, picture = null) {
     stop();
+    // The program that runs is told of its end first, and seen to have ended.
+    if (state.isRunning) await state.ended();
     teach.offer(null);
     const refused = room.isShared ? room.choose(robot, world) : "";
     if (!room.isShared) Object.assign(programs, { robot, world });
@@ -492,6 +494,12 @@ class State {
     this.code = 0;
     this.isStopping = false;
     this.onChange = () => {};
+    this.waiting = []; // for the end of a program
+  }
+
+  // Resolves once no program runs.
+  ended() {
+    return new Promise((resolve) => (this.isRunning ? this.waiting.push(resolve) : resolve()));
   }
 
   get isBusy() {
@@ -508,6 +516,7 @@ class State {
     byId("state").textContent = name;
     byId("state").className = `chip ${name}`;
     this.onChange(name);
+    if (!this.isRunning) for (const resolve of this.waiting.splice(0)) resolve();
   }
 }
 
