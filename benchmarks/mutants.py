@@ -13,7 +13,8 @@ The tests are those that enter the function (`benchmarks.entries` makes the map 
 as long as all tests), or, for a constant of a module or class, a function that mentions it, or any
 of its file where none does: those nearest to the file first, up to two minutes of them. Where no
 test enters it, they are those of the module's name, and for a module that Python does not execute,
-as programs on the hub, those of the house. A fault that only further tests find counts as alive.
+as programs on the hub, those of the house. What no test finds mypy may: `make test` begins with
+it. A fault that only further tests find counts as alive.
 
 Not drawn is what makes an equal program: no size of a cache, no ``strict`` of a ``zip``, no
 ``check=False`` of `subprocess.run`, which is its default; and nothing in annotations, decorators
@@ -382,6 +383,21 @@ class Tree:
             else failed_tests((self.scratch / LOG).read_text(errors="replace"))[0]
         )
 
+    def types_find(self, file: str, wrong: str) -> bool:
+        """Whether mypy refuses a file with a fault, as a function that returns nothing of what it
+        promises."""
+        path = self.folder / file
+        right = path.read_text(encoding="utf-8")
+        command = [sys.executable, "-m", "mypy", "--no-color-output"]
+        try:
+            path.write_text(wrong, encoding="utf-8")
+            done = subprocess.run(  # noqa: S603
+                command, cwd=self.folder, capture_output=True, text=True, check=False
+            )
+        finally:
+            path.write_text(right, encoding="utf-8")
+        return f"{file}:" in done.stdout
+
     def killer(self, file: str, function: str, wrong: str) -> str | None:
         """The test that finds a fault in a function of a file."""
         path, doubtful = self.folder / file, list[str]()
@@ -452,6 +468,8 @@ def verdict(tree: Tree, mutant: dict[str, Any]) -> dict[str, Any]:
     start_s = time.monotonic()
     wrong = mutated(text, fault, faults(text)[fault])
     test = tree.killer(mutant["file"], fault.function, wrong)
+    if test is None and tree.types_find(mutant["file"], wrong):
+        test = "mypy"
     return {
         "state": "died" if test else "survived",
         "test": test,

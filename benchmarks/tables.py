@@ -402,6 +402,8 @@ def worlds(result: Result) -> str:
     names = {
         "gait": "gait",
         "sac": "SAC",
+        "retained": "SAC, its data retained",
+        "steered": "SAC, steered",
         "conditioned": "SAC, told the physics",
         "fitted": "gait, in a fitted twin",
     }

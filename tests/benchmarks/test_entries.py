@@ -105,3 +105,16 @@ def test_the_nearest_tests_come_first_and_no_more_than_two_minutes_of_them(tree)
     assert chosen(file, "Thing.idle") == [own]
     # what Python does not execute: by those of the house
     assert chosen(file.replace("thing", "other"), "idle") == [near, own]
+
+
+@pytest.mark.slow
+def test_types_find_what_no_test_does(tmp_path):
+    file = "packages/brickhub/src/thing.py"
+    right = "def is_there() -> bool:\n    return False\n"
+    (tmp_path / file).parent.mkdir(parents=True)
+    (tmp_path / file).write_text(right)
+    (tmp_path / "pyproject.toml").write_text(f'[tool.mypy]\nstrict = true\nfiles = ["{file}"]\n')
+    tree = Tree(tmp_path, tmp_path, Entries([], {}), None, [])  # type: ignore[arg-type]
+    assert tree.types_find(file, right.replace("False", "None"))
+    assert not tree.types_find(file, right.replace("False", "True"))
+    assert (tmp_path / file).read_text() == right
