@@ -154,6 +154,15 @@ def test_inconsistent_rows_raise(tmp_path: Path, cells: dict[str, object]) -> No
         load(root)
 
 
+@pytest.mark.parametrize(("chunk", "file"), [(1, -999), (-1, 1001), (0, 1000), (0, -1)])
+def test_a_file_has_one_number_in_its_folder_alone(tmp_path: Path, chunk: int, file: int) -> None:
+    """The first two would be the right file, counted from another folder."""
+    root = record(tmp_path / "set")
+    edit_rows(root, **{"data/chunk_index": chunk, "data/file_index": file})
+    with pytest.raises(DataError, match="rows that are not ours"):
+        load(root)
+
+
 @pytest.mark.parametrize(
     ("column", "value"),
     [
