@@ -219,6 +219,22 @@ def test_what_a_plan_learns_is_no_code(tmp_path, monkeypatch):
         load_object("rover.ldr:walk", "AGENT")
 
 
+def test_a_stop_is_best_at_150_mm_and_thrice_as_bad_too_near():
+    task = get_task(f"{PLANS / 'two_wheeler.ldr'}:stop")
+
+    def reward(distance_mm: float) -> float:
+        seen = torch.tensor([[distance_mm]])
+        return task.reward(seen, torch.zeros(1, 1), seen).item()
+
+    assert reward(150.0) == 1.0
+    assert reward(350.0) == pytest.approx(1 / 3, abs=0.05)
+    for off_mm in (10.0, 40.0):
+        assert reward(150.0 - off_mm) == pytest.approx(reward(150.0 + 3 * off_mm))
+    stops = [torch.tensor([[900.0], [mm]]) for mm in (99.0, 101.0, 199.0, 201.0)]
+    assert [bool(task.success(stop)) for stop in stops] == [False, True, True, False]
+    assert task.metrics(stops[0])["final_off_mm"].item() == -51.0
+
+
 BALANCER = f"{EXAMPLES / 'drawings' / 'balancer.ldr'}:upright"
 STANDS = (0.0, 25.0, 0.05, 0.02, 0.015)
 """Lean, gain, time ahead, and shares of angle and speed, by which the balancer stands."""
@@ -233,6 +249,18 @@ def test_balancer_stands_by_a_program_of_its_own_and_falls_without():
         lengths.append(play_alone(program.source, task, None, 1).length)
     assert lengths[0] == task.max_steps
     assert lengths[1] < 100
+
+
+def test_who_balances_is_paid_for_staying_and_judged_by_its_falls():
+    task = get_task(BALANCER)
+    # Lean, rate, angle and speed of the wheels, all in degrees.
+    seen = torch.tensor([[lean, 9.0, turn, 9.0] for lean, turn in ((0, 0), (35, -360), (-36, 9e5))])
+    rewards = task.reward(seen, torch.zeros(3, 2), seen)[:, 0].tolist()
+    assert rewards == pytest.approx([1.0, 0.5 + 0.5 * math.exp(-1), 0.5])
+    assert task.terminated(seen)[:, 0].tolist() == [False, False, True]
+    assert (bool(task.success(seen[:2])), bool(task.success(seen))) == (True, False)
+    assert task.metrics(seen)["upright_s"].item() == pytest.approx(0.04)
+    assert task.metrics(seen[2:])["upright_s"].item() == 0.0
 
 
 def test_balancer_is_held_until_its_motors_turn():

@@ -425,6 +425,17 @@ def test_arena_commands_the_left_and_the_right_wheel(commands: tuple[Command, ..
             "opponents names 'runer', which is no group .did you mean 'runner'",
         ),
         ({"opponents": {"runner": "fly"}}, "there is no script 'fly'; choose random, flee, chase"),
+        ({"opponents": {"runner": "flee,fly"}}, "there is no script 'fly'"),
+        ({"id": "Tag"}, "'Tag' is not an id for a task; take a name and a version"),
+        ({"interfaces": TAG.interfaces[:1]}, "Tag-v0 has 2 robots and 1 interfaces; give one each"),
+        ({"interfaces": TAG.interfaces * 2}, "Tag-v0 has 2 robots and 4 interfaces; give one each"),
+        ({"groups": {"all": ("runner",)}}, "each of .*runner.* belongs to one group; name it"),
+        (
+            {"groups": {**TAG.groups, "all": ("runner",)}},
+            "each of .*runner.* belongs to one group; name it",
+        ),
+        ({"groups": {"all": ("runner", "catchr")}}, "each of .*catcher.* belongs to one group"),
+        ({"told": -1}, "told is -1; give a whole number from 0 to 6"),
     ],
 )
 def test_task_with_unfitting_parts_is_refused(wrong: dict[str, Any], told: str) -> None:
