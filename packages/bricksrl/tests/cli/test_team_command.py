@@ -87,6 +87,10 @@ def test_options_make_the_configuration() -> None:
     config = TrainTeam(agent="sac", learn=("runner",), seed=3).config("Tag-v0")
     assert (config.agents, config.scripts) == ({"runner": "sac"}, {"catcher": "chase"})
     assert (config.copies, config.frames, config.seed) == (256, 300_000, 3)
+    first = TrainTeam().config("Tag-v0")
+    assert (first.agents, first.scripts) == ({"catcher": "ippo"}, {"runner": "flee,random"}), (
+        "the first group learns, against a runner that it does not know by heart"
+    )
     both = TrainTeam(learn=("catcher", "runner"), copies=0, frames=7).config("Tag-v0")
     assert (both.agents, both.scripts, both.copies, both.frames) == (
         {"catcher": "sac", "runner": "sac"},

@@ -112,6 +112,26 @@ def test_a_new_episode_starts_at_rest() -> None:
     assert env.reset()["observation"][4].abs() < 5
 
 
+@pytest.mark.parametrize(
+    ("env_id", "names"),
+    [
+        ("Walker-v1", ("forward",)),
+        ("Park-v0", ("last_drive_speed", "last_turn_rate", "moved", "turned")),
+    ],
+)
+def test_nothing_was_driven_or_commanded_before_the_first_step(
+    env_id: str, names: tuple[str, ...]
+) -> None:
+    env = bricksrl.make(env_id, seed=0)
+    places = [entry.name for entry in env.task.entries]
+    first = env.reset()
+    env.step(env.rand_action(first.clone()))
+    for state in (first, env.reset()):
+        observation = state["observation"]
+        assert [observation[places.index(name)].item() for name in names] == [0.0] * len(names)
+    env.close()
+
+
 def test_starts_and_directions_vary_within_their_ranges() -> None:
     env = bricksrl.make("RunAway-v0", seed=0)
     distances_mm = torch.stack([env.reset()["observation"][4] for _ in range(20)])
