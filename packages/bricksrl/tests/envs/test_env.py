@@ -515,3 +515,43 @@ def test_step_has_timestamp() -> None:
         assert 0.0 < env.timing.age_s < 0.1  # it came over a radio that takes milliseconds
     assert all(0.1 <= later - sooner < 0.2 for sooner, later in itertools.pairwise(times_s))
     env.close()
+
+
+class OpenLink:
+    """A link of which only its end matters."""
+
+    def __init__(self, *, is_open: bool) -> None:
+        self.is_open = is_open
+        self.closed: list[str] = []
+
+    def emergency_stop(self) -> None:
+        self.is_open = False
+        self.closed.append("stopped")
+
+    def close(self) -> None:
+        self.closed.append("closed")
+
+
+@pytest.mark.parametrize("is_open", [True, False])
+def test_a_real_robot_has_stopped_where_its_link_said_so(is_open: bool) -> None:
+    link = OpenLink(is_open=is_open)
+    env = HubEnv(RUN_AWAY, lambda _seed: Connection(link, lambda _rng: None))  # type: ignore[arg-type]
+    assert not env.has_stopped
+    assert env.twin is None, "it is connected now"
+    env.stop()
+    assert link.closed == ["stopped"]
+    assert env.has_stopped is is_open, "a link that was broken tells nothing of the motors"
+
+
+def test_a_robot_that_was_never_reached_has_stopped_and_a_virtual_one_where_nothing_drives() -> (
+    None
+):
+    env = bricksrl.make("Spinning-v0", seed=0)
+    env.stop()
+    assert env.has_stopped
+    env.resume()
+    env.step(env.reset().set("action", torch.ones(2)))
+    assert not env.has_stopped
+    env.stop()
+    assert env.has_stopped
+    env.close()
