@@ -14,6 +14,7 @@ import pytest
 from toy_data import TOY, record
 
 from brickhub.files import quoted
+from bricksrl.cli.data import CheckData, Repair
 from bricksrl.data import load
 from bricksrl.data.dataset import read_episode_count
 from bricksrl.data.integrity import check, recover
@@ -240,3 +241,43 @@ def test_an_index_of_another_format_is_refused(
     path.write_text(json.dumps({**TOY.info(3, 12), **changed}))
     with pytest.raises(DataError, match=says):
         read_episode_count(tmp_path, TOY)
+
+
+def test_a_repair_says_what_it_did_and_whether_all_is_well(
+    root: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def lines() -> list[str]:
+        return capsys.readouterr().out.splitlines()
+
+    (root / DATA.format(3)).write_bytes(b"half")
+    assert Repair(root).execute() == 0
+    assert lines() == ["3 episodes; 0 new in the index, 1 unfinished file removed"]
+    assert CheckData(root).execute() == 0
+    assert lines() == ["all is well"]
+    (root / "notes.txt").touch()
+    foreign = "notes.txt is not a file of a dataset; it was not opened"
+    assert CheckData(root).execute() == 1
+    assert lines() == [foreign]
+    assert Repair(root).execute() == 1
+    save = f"with `bricksrl data repair {quoted(root)} --out DIR`"
+    assert lines() == [
+        "3 episodes; 0 new in the index, 0 unfinished files removed",
+        foreign,
+        f"save the intact episodes to a new dataset {save}",
+    ]
+    with pytest.raises(DataError, match="there is no dataset of ours in"):
+        Repair(root.parent).execute()
+
+
+def test_a_rescue_says_what_was_lost(root: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (root / DATA.format(1)).write_bytes(b"gone")
+    saved = root.parent / "saved"
+    assert Repair(root, saved).execute() == 0
+    lost, last = capsys.readouterr().out.splitlines()
+    assert lost.startswith("lost: episode 1: ") and last == f"2 episodes: {saved}"
+    assert told(saved) == []
+    for number in (0, 2):
+        (root / DATA.format(number)).write_bytes(b"gone")
+    with pytest.raises(DataError, match="no episode in .* is whole; restore it from a copy"):
+        Repair(root, root.parent / "again").execute()
+    assert not (root.parent / "again").exists()
