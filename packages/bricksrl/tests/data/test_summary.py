@@ -118,6 +118,7 @@ def test_a_plot_has_a_panel_for_each_channel_and_the_returns(
     for axes in panels[2:]:
         counts = axes.collections[0].get_array()
         assert counts.sum() == 14, "each step is in a bin"
+        assert counts.size == 40 * 5, "a bin for each step, and 40 for the values"
         assert axes.get_xlim() == (0.0, 5.0), "the longest episode has five steps"
 
 
