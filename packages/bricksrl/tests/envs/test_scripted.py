@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from brickhub.robot.line_edge import LineEdge, edge_of
 from bricksrl.envs.registry import get_task
 from bricksrl.envs.tasks import scripted
-from bricksrl.envs.tasks.walker import gait_reward
+from bricksrl.envs.tasks.walker import gait_reward, reward
 
 TROT = np.array([0.0, 180.0, 180.0, 0.0])
 ANGLES = st.floats(0.0, 359.0)
@@ -57,8 +57,22 @@ def test_legs_anywhere_come_into_step(legs: list[float]) -> None:
         action = scripted.into_step(seen(*angles))
         assert ((action >= -1.0) & (action <= 1.0)).all()
         angles = (angles - 50.0 * (1.0 - action)) % 360.0
-    reward = gait_reward(torch.tensor([[*angles, 0.0, 0.0, 500.0]])).item()
-    assert reward > -0.1, "a few degrees are not worth the turn"
+    off = gait_reward(torch.tensor([[*angles, 0.0, 0.0, 500.0]])).item()
+    assert off > -0.1, "a few degrees are not worth the turn"
+
+
+def test_the_next_trot_is_the_one_that_the_task_rewards_most() -> None:
+    """Less half a turn of a leg for each 1 that is left to turn after this step."""
+    phases = torch.arange(0.0, 360.0, 4.0)[:, None] + torch.tensor(TROT)  # [90, 4]
+    for start in torch.rand((12, 4), generator=torch.Generator().manual_seed(3)) * 360.0:
+        turns = (start - phases).remainder(360.0)
+        turned = turns.clamp_max(100.0)
+        after = torch.zeros(90, 7)
+        after[:, :4] = (start - turned).remainder(360.0)
+        paid = reward(after, 1.0 - turned / 50.0, after)[:, 0]
+        best = (paid - (turns - turned).sum(-1) / 180.0).argmax()
+        action = scripted.into_step(seen(*start.tolist()))
+        assert action.tolist() == pytest.approx((1.0 - turned[best] / 50.0).tolist(), abs=1e-3)
 
 
 def test_joints_turn_by_their_errors_the_rotation_the_shorter_way() -> None:
