@@ -290,6 +290,8 @@ def test_lost_link_in_step_truncates() -> None:
         True,
         False,
     ]
+    ends = [lost[key] for key in env.done_keys]
+    assert all(end.dtype is torch.bool and end.shape == (1,) for end in ends)
     assert torch.equal(lost["observation"], before["observation"]) and lost["reward"] == 0
     assert env.observation_spec.is_in(lost.select(*env.observation_spec.keys()))
     assert isinstance(env.link_error, HubError) and "answer" in str(env.link_error)
