@@ -6,6 +6,7 @@ import itertools
 import json
 import re
 from contextlib import closing
+from types import SimpleNamespace
 
 import pytest
 
@@ -193,3 +194,28 @@ def test_phone_in_the_network_gets_a_qr_code(capfd):
 def test_no_browser_without_display(monkeypatch):
     monkeypatch.setattr("sys.stderr", None)
     assert not has_screen()
+
+
+@pytest.mark.parametrize(
+    ("platform", "is_terminal", "variables", "has"),
+    [
+        ("linux", True, {"DISPLAY": ":0"}, True),
+        ("linux", True, {"WAYLAND_DISPLAY": "wayland-0"}, True),
+        ("linux", True, {}, False),
+        ("linux", False, {"DISPLAY": ":0"}, False),
+        ("linux", True, {"DISPLAY": ":0", "SSH_CONNECTION": "10.0.0.1 22"}, False),
+        ("darwin", True, {}, True),
+        ("win32", True, {}, True),
+        ("darwin", True, {"SSH_CONNECTION": "10.0.0.1 22"}, False),
+        ("win32", False, {}, False),
+    ],
+)
+def test_a_browser_is_seen_where_somebody_sits(monkeypatch, platform, is_terminal, variables, has):
+    for name in ("DISPLAY", "WAYLAND_DISPLAY", "SSH_CONNECTION"):
+        monkeypatch.delenv(name, raising=False)
+    for name, value in variables.items():
+        monkeypatch.setenv(name, value)
+    screen = SimpleNamespace(isatty=lambda: is_terminal)
+    system = SimpleNamespace(platform=platform, stderr=screen)
+    monkeypatch.setattr("bricksrl.cli.page.sys", system)
+    assert has_screen() is has

@@ -84,6 +84,25 @@ def test_commands_are_those_of_the_robot():
     assert [(type(command), command.name) for command in car] == [(RunAngle, "drive")]
 
 
+def test_a_walk_of_a_drawing_is_paid_by_its_way_and_ends_where_it_falls():
+    task = get_task(f"{PLANS / 'walker.ldr'}:walk")
+    names = [entry.name for entry in task.entries]
+    assert names[4:] == ["pitch", "roll", "forward"]
+
+    def rows(*about: tuple[float, float, float]) -> torch.Tensor:
+        return torch.tensor([[300.0, 300.0, 300.0, 300.0, *tail] for tail in about])
+
+    seen = rows((0.0, 0.0, 10.0), (60.0, -60.0, -20.0), (61.0, 0.0, 0.0), (0.0, -61.0, 40.0))
+    assert task.reward(seen, torch.zeros(4, 4), seen)[:, 0].tolist() == [0.5, -1.0, 0.0, 2.0]
+    assert task.terminated(seen)[:, 0].tolist() == [False, False, True, True]
+    assert task.metrics(seen)["mean_step_mm"].item() == 7.5
+    # 30 mm a second.
+    fast_mm = 0.03 * task.interface.settle.longest_ms
+    assert bool(task.success(rows((0.0, 0.0, 0.5 * fast_mm), (0.0, 0.0, 1.6 * fast_mm))))
+    assert not bool(task.success(rows((0.0, 0.0, 0.5 * fast_mm), (0.0, 0.0, 1.4 * fast_mm))))
+    assert not bool(task.success(rows((61.0, 0.0, fast_mm), (0.0, 0.0, 2 * fast_mm))))
+
+
 def test_a_walker_is_mirrored_if_all_of_its_legs_have_an_image():
     file = EXAMPLES / "walkers" / "two_legs.ldr"
     assert get_task(f"{file}:walk").symmetric

@@ -176,6 +176,51 @@ def test_lines_of_numbers_from_a_serial_port(board: Board) -> None:
     reader.close()
 
 
+class Port:
+    """A serial port with these lines, of which so many wait at first."""
+
+    port = "COM3"
+
+    def __init__(self, lines: list[bytes], waiting: int) -> None:
+        self.lines, self.in_waiting = lines, waiting
+
+    def readline(self) -> bytes:
+        self.in_waiting = max(0, self.in_waiting - 1)
+        return self.lines.pop(0) if self.lines else b""
+
+
+@pytest.mark.parametrize(
+    ("lines", "waiting", "read"),
+    [
+        ([b".5, 48\n", b"21.5, 48\n", b"22;49\n"], 2, (21.5, 48.0)),
+        ([b".5, 48\n", b"21.5, 48\r\n", b"22;49\n", b"23 50\n"], 3, (22.0, 49.0)),
+        ([b"", b"ready\n", b"\xff\xfe\n", b" -7.25e1 \n"], 0, (-72.5,)),
+        ([b"x\n"], 0, "COM3 says nothing for 1.5 s; look whether its program runs"),
+        ([b"x\n", b"1\n", b""], 9, "COM3 says nothing"),
+        ([b"x\n", *[b"hello\n"] * 1000, b"1\n"], 0, "no lines of numbers but 'hello'; correct"),
+        ([b"x\n", *[b"hello\n"] * 999, b"1\n"], 0, (1.0,)),
+    ],
+)
+def test_the_newest_line_of_numbers_is_read_and_the_first_one_dropped(
+    monkeypatch: pytest.MonkeyPatch, lines: list[bytes], waiting: int, read: tuple[float, ...] | str
+) -> None:
+    serial = pytest.importorskip("serial")
+    asked = []
+
+    def opened(address: str, baud: int, *, timeout: float) -> Port:
+        asked.append((address, baud, timeout))
+        return Port(list(lines), waiting)
+
+    monkeypatch.setattr(serial, "serial_for_url", opened)
+    device = serial_numbers("COM3", 9600)()
+    assert asked == [("COM3", 9600, 1.5)]
+    if isinstance(read, tuple):
+        assert device.read() == read
+        return
+    with pytest.raises(SensorError, match=read):
+        device.read()
+
+
 @pytest.mark.realtime
 def test_slow_sensor_makes_no_step_longer() -> None:
     medians: dict[float, list[float]] = {0.0: [], 1.0: []}
