@@ -17,7 +17,7 @@ from brickhub.files import quoted
 from bricksrl.cli.data import CheckData, Repair
 from bricksrl.data import load
 from bricksrl.data.dataset import read_episode_count
-from bricksrl.data.integrity import check, recover
+from bricksrl.data.integrity import _faults_of_columns, check, recover
 from bricksrl.errors import DataError
 
 INFO, STATS, TASKS = "meta/info.json", "meta/stats.json", "meta/tasks.parquet"
@@ -97,6 +97,25 @@ def test_steps_of_an_episode_fit_each_other(
 ) -> None:
     edit_steps(root, column, change)
     assert told(root) == [f"steps: episode 1: {fault}" for fault in faults]
+
+
+@pytest.mark.parametrize(
+    ("return_", "fits"),
+    [(0.0, True), (1e-6, True), (-1e-6, True), (1e-3, False), (float("nan"), False)],
+)
+def test_a_return_differs_from_the_sum_by_its_last_digits_alone(return_: float, fits: bool) -> None:
+    state = np.zeros((2, 1))
+    ends = np.array([False, True])
+    columns = {
+        "observation.state": state,
+        "next.observation.state": state,
+        "action": state,
+        "next.reward": np.array([0.3, -0.3]),
+        "next.done": ends,
+        "next.terminated": ends,
+        "next.truncated": ~ends & False,
+    }
+    assert list(_faults_of_columns(columns, return_)) == ([] if fits else [SUM])
 
 
 def test_files_about_all_episodes_are_compared_with_them(root: Path) -> None:
