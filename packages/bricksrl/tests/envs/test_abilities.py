@@ -14,10 +14,12 @@ import torch
 import bricksrl
 from brickhub.hub.interface import DriveSpeed, DriveStraight, RunAngle
 from brickhub.hub.program.generate import generate_alone
+from brickhub.search.approach import approach
 from brickhub.search.structure import source_by
 from brickhub.search.upright import upright
 from brickhub.user_files import load_object
 from bricksrl.agents import make_learner
+from bricksrl.agents.search import structures
 from bricksrl.agents.search.structures import make_structure
 from bricksrl.envs import get_task
 from bricksrl.envs.abilities import driving
@@ -168,6 +170,28 @@ def test_an_edge_is_followed_by_the_same_numbers_in_a_batch():
     shares = structure(observed, numbers.expand(3, -1))
     for seen, share in zip(observed.tolist(), shares, strict=True):
         assert share.tolist() == pytest.approx(structure.single.act(seen, numbers.tolist()))
+
+
+def test_an_approach_and_a_balance_are_the_same_numbers_in_a_batch():
+    generator = torch.Generator().manual_seed(5)
+    stop = f"{PLANS / 'two_wheeler.ldr'}:stop"
+    for reference, of_batch, of_one in (
+        (stop, structures.Approach, approach),
+        (BALANCER, structures.Upright, upright),
+    ):
+        structure = of_batch(of_one(get_task(reference).interface))
+        columns = len(get_task(reference).entries)
+        low = torch.tensor([number.low for number in structure.numbers])
+        high = torch.tensor([number.high for number in structure.numbers])
+        share = torch.rand((6, len(low)), generator=generator)
+        numbers = low + share * (high - low)
+        observed = 400.0 * torch.rand((6, columns), generator=generator)
+        shares = structure(observed, numbers).clamp(-1.0, 1.0)
+        for seen, one, found in zip(
+            observed.tolist(), numbers.tolist(), shares.tolist(), strict=True
+        ):
+            single = [min(max(act, -1.0), 1.0) for act in structure.single.act(seen, one)]
+            assert found == pytest.approx(single, abs=1e-4)
 
 
 def test_who_sees_no_line_follows_no_edge():

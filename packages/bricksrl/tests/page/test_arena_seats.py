@@ -3,11 +3,17 @@ do."""
 
 from __future__ import annotations
 
+import threading
+from types import SimpleNamespace
+from typing import Any
+
 import pytest
 import torch
 from tensordict import TensorDict
 
 from bricksrl.envs.arenas.tag import TAG
+from bricksrl.errors import HubError
+from bricksrl.page import arena
 from bricksrl.page.arena import ArenaPage
 from bricksrl.page.visitors import Visitor
 
@@ -105,3 +111,73 @@ def test_who_drives_no_robot_changes_nothing_for_those_who_do(
         assert not page._handle_seat("stop", None, visitor), "everybody may stop them"
         for name in ("arrived", "renamed", "ask", "answer"):
             assert page._handle_seat(name, None, visitor)
+
+
+class PlayedArena:
+    """An arena whose catcher gets these rewards; it is caught at the end, or its link breaks."""
+
+    task = TAG
+
+    def __init__(self, rewards: list[float], *, success: bool, is_lost: bool = False) -> None:
+        self.rewards, self.success, self.is_lost = list(rewards), success, is_lost
+
+    def state(self) -> TensorDict:
+        return TensorDict(
+            {name: {"action": torch.zeros(1, 2)} for name in ("catcher", "runner")}, []
+        )
+
+    reset = state
+
+    def step(self, state: TensorDict) -> TensorDict:
+        reward = self.rewards.pop(0)
+        is_last = not self.rewards
+        after = {
+            "catcher": {"reward": torch.tensor([[reward]])},
+            "runner": {"reward": torch.tensor([[-reward]])},
+            "link_lost": torch.tensor([is_last and self.is_lost]),
+            "success": torch.tensor([self.success]),
+            "done": torch.tensor([is_last]),
+        }
+        return state.set("next", TensorDict(after, []))
+
+    def step_mdp(self, _frame: TensorDict) -> TensorDict:
+        return self.state()
+
+
+def to_its_end(_env: object, _page: object, episode: Any, **_named: object) -> list[float]:
+    """The return of the third episode, in place of `play_endlessly`."""
+    steps = episode("3")
+    try:
+        while True:
+            next(steps)
+    except StopIteration as end:
+        return [end.value]
+
+
+@pytest.mark.parametrize(
+    ("success", "note"),
+    [(True, "catcher succeeds after 3 steps."), (False, "catcher does not succeed.")],
+)
+def test_an_episode_of_an_arena_ends_with_its_outcome(
+    page: ArenaPage, monkeypatch: pytest.MonkeyPatch, success: bool, note: str
+) -> None:
+    monkeypatch.setattr(arena, "play_endlessly", to_its_end)
+    shown: list[tuple[Any, ...]] = []
+    monkeypatch.setattr(page, "show_outcome", lambda *outcome: shown.append(outcome))
+    env = PlayedArena([1.0, -0.5, 2.0], success=success)
+    played = arena.play_arena(env, page, lambda state: state, stop=threading.Event())  # type: ignore[arg-type]
+    assert played == [2.5]
+    assert shown == [([], 1.0, 1.0), ([], -0.5, 0.5), ([], 2.0, 2.5)]
+    assert page.board.status[1]["note"] == f"Episode 3: {note}"
+
+
+def test_a_lost_link_in_an_arena_is_told_to_who_plays(
+    page: ArenaPage, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    lost = SimpleNamespace(link_error=HubError("out of reach"))
+    monkeypatch.setattr(arena, "interface_of", lambda _env: lost)
+    monkeypatch.setattr(arena, "play_endlessly", to_its_end)
+    env = PlayedArena([1.0, 2.0], success=True, is_lost=True)
+    with pytest.raises(HubError, match="out of reach"):
+        arena.play_arena(env, page, lambda state: state, stop=threading.Event())  # type: ignore[arg-type]
+    assert page.board.status[1].get("note") is None
