@@ -8,6 +8,7 @@ import signal
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -241,3 +242,31 @@ def test_a_team_that_plays_is_told_and_filmed(
         replace(command, seed=seed)._play(trained, None)  # type: ignore[arg-type]
     first, again, other = (given[3] for given in asked[1::2])
     assert first == again != other, "the seed draws the episodes"
+
+
+@pytest.mark.parametrize("frames", [10, 1000])
+def test_a_team_s_training_has_at_most_twenty_lines(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    frames: int,
+) -> None:
+    def train(config: Any, *, on_progress: Any, stop: object) -> SimpleNamespace:
+        for done in range(1, config.frames + 1):
+            returns = {"catcher": 0.5 * done, "runner": -1.0}
+            on_progress(teams.TeamProgress(done, done // 2, returns, 0.25))
+        return SimpleNamespace(save=lambda path: path.write_bytes(b"team"))
+
+    monkeypatch.setattr(teams, "train_team", train)
+    command = TrainTeam(frames=frames, seed=3)
+    command._train(command.config("Tag-v0"), tmp_path)
+    first, *lines = capsys.readouterr().out.splitlines()
+    assert first == f"Tag-v0, seed 3: catcher by ippo; {tmp_path}"
+    assert lines[-1] == (
+        f"step {frames}/{frames}  {frames // 2} episodes  "
+        f"return catcher {0.5 * frames:g}  runner -1  success 25 %"
+    )
+    steps = [int(line.split()[1].partition("/")[0]) for line in lines]
+    # Without an episode there is nothing to tell.
+    assert steps == ([*range(2, 11)] if frames == 10 else [*range(50, 1001, 50)])
+    assert (tmp_path / team.TEAM_FILE).read_bytes() == b"team"
