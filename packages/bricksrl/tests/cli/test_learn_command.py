@@ -176,3 +176,40 @@ def test_a_goal_is_asked_for_only_where_there_are_several(monkeypatch):
         DescriptionError, match=r"the robot of rover.ldr can learn nothing as it is"
     ):
         learn_command._chosen("rover.ldr", offered())
+
+
+def test_what_a_drawing_shows_is_said_line_by_line(monkeypatch, capfd):
+    def device(name: str, port: str, part: str, **more: str) -> SimpleNamespace:
+        facts = SimpleNamespace(port=port, part=part, looks=more.get("looks"))
+        return SimpleNamespace(name=name, facts=facts, moves=more.get("moves"))
+
+    def offer(name: str, task: object, *, reason: str = "", remark: str = "") -> SimpleNamespace:
+        ability = SimpleNamespace(name=name, sentence=f"to {name}")
+        return SimpleNamespace(ability=ability, task=task, reason=reason, remark=remark)
+
+    drawn = SimpleNamespace(
+        robot=SimpleNamespace(name="rover"),
+        hub=SimpleNamespace(part="Prime hub"),
+        motors=[device("left", "A", "Motor", moves="turns a wheel")],
+        sensors=[device("eyes", "E", "Sensor", looks="ahead"), device("light", "F", "Sensor")],
+    )
+    monkeypatch.setattr(learn_command, "_notes", lambda _drawn: ["It tips over."])
+    can = [offer("spin", 1), offer("line", 1, remark="hard")]
+    learn_command._say(drawn, [*can, offer("walk", None, reason="it has wheels")])
+    said = capfd.readouterr()
+    assert said.out.splitlines() == [
+        "rover: Prime hub, 1 motor, 2 sensors",
+        "  port A  left          Motor: turns a wheel",
+        "  port E  eyes          Sensor: looks ahead",
+        "  port F  light         Sensor: looks askew",
+        "It can learn",
+        "  spin    to spin",
+        "  line    to line (hard)",
+        "It cannot learn",
+        "  walk    to walk: it has wheels",
+    ]
+    assert "It tips over." in said.err
+    learn_command._say(drawn, can)
+    assert "It cannot learn" not in capfd.readouterr().out
+    learn_command._say(drawn, [])
+    assert "It can learn" not in capfd.readouterr().out

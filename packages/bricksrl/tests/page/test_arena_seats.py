@@ -181,3 +181,25 @@ def test_a_lost_link_in_an_arena_is_told_to_who_plays(
     with pytest.raises(HubError, match="out of reach"):
         arena.play_arena(env, page, lambda state: state, stop=threading.Event())  # type: ignore[arg-type]
     assert page.board.status[1].get("note") is None
+
+
+def test_a_robot_of_somebody_who_is_away_plays_by_itself_until_that_one_is_back(
+    page: ArenaPage, people: tuple[Visitor, Visitor]
+) -> None:
+    ada, _ = people
+    page._handle_seat("take_over:runner", True, ada)
+    page._handle_seat("drive:runner", [1.0, 1.0], ada)
+    page._tick()
+    assert driven(page) == {"runner": "Ada"} and page.drivers["runner"].pushes == [1.0, 1.0]
+    page.visitors.leave(ada, closed=False)
+    ada.left_s -= 100.0
+    page._tick()
+    assert driven(page) == {} and page.drivers["runner"].pushes == [0.0, 0.0]
+    page.visitors.arrive("a", "Ada")
+    page._tick()
+    assert driven(page) == {"runner": "Ada"}
+    seats = page.board.status[1]["seats"]
+    assert {name: seat["color"] for name, seat in seats.items()} == {
+        robot.name: robot.color for robot in TAG.arena.robots
+    }
+    assert seats["runner"] != seats["catcher"]
