@@ -36,6 +36,8 @@ OF_ALL = [
     {"hidden": ()},
     {"hidden": (8, 0)},
     {"hidden": (8, 20_000)},
+    {"hidden": (8192, 8192, 1)},
+    {"hidden": (8.0, 8)},
     {"prefill_episodes": -1},
     {"updates_per_step": 0},
     {"actor_delay": 0},
@@ -101,6 +103,29 @@ def test_invalid_settings_raise(agent: str, change: dict[str, Any]) -> None:
     with pytest.raises(DescriptionError, match=next(iter(change))) as caught:
         replace(preset("default", agent), **change)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("agent", "change"),
+    [
+        ("sac", {"hidden": (1,)}),
+        ("sac", {"hidden": (16_384,)}),
+        ("sac", {"hidden": (8192, 8192)}),
+        ("sac", {"hindsight": 0.5, "new_goals": 0.5}),
+        ("sac", {"gamma": 1.0, "adam_beta": 0.0, "tau": 1.0, "shift_px": 64}),
+        ("sac", {"batch_size": 1, "buffer_size": 2, "n_step": 64, "prefill_episodes": 0}),
+        ("sac", {"num_qs": 1, "num_min_qs": 1, "dropout": 0.0}),
+        ("tqc", {"quantiles": 25, "dropped": 24}),
+        ("tqc", {"quantiles": 2, "dropped": 0}),
+        ("act", {"chunk": 1, "executed": 1}),
+        ("act", {"chunk": 8, "executed": 8}),
+        ("cql", {"sampled_actions": 1, "drawn_actions": 0, "min_q_weight": 0.0}),
+        ("ppo", {"gae_lambda": 1.0, "passes": 1}),
+    ],
+)
+def test_settings_at_the_ends_of_their_ranges_are_taken(agent: str, change: dict[str, Any]) -> None:
+    settings = replace(preset("default", agent), **change)
+    assert {name: getattr(settings, name) for name in change} == change
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,9 @@ from __future__ import annotations
 import logging
 import math
 from collections.abc import Callable
+from typing import Any
 
+import numpy as np
 import pytest
 import torch
 from small import Sight
@@ -43,10 +45,11 @@ from torchrl.envs import (
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 
 import bricksrl
+from brickhub.entry import Entry
 from bricksrl.agents import make_learner, preset
 from bricksrl.agents.features.encoder import Encoder, encode, make_encoder
 from bricksrl.envs.rollout import play_episodes
-from bricksrl.envs.specs import ObservationLayout
+from bricksrl.envs.specs import Number, ObservationLayout
 from bricksrl.envs.transforms import (
     FrameSkip,
     changes_nothing,
@@ -57,6 +60,7 @@ from bricksrl.envs.transforms import (
     prepare,
     runs_on,
 )
+from bricksrl.envs.transforms.rows import has_unit, numbers_behind
 from bricksrl.errors import DescriptionError
 
 KEYS = ["observation"]
@@ -306,6 +310,90 @@ def test_numbers_are_what_the_layout_says(name: str) -> None:
         assert len(numbers) - len(known) == 16
     else:
         assert len(known) == len(numbers)
+
+
+def known(*shape: int) -> dict[str, Any]:
+    """The numbers a, b, c... of a vector, once scaled."""
+    numbers = np.empty(math.prod(shape), dtype=object)
+    numbers[:] = [Number(Entry(letter), 2.0, 1.0) for letter in "abcdefghijkl"[: math.prod(shape)]]
+    return {"observation": numbers.reshape(shape)}
+
+
+def row(transform: Transform, *shape: int) -> tuple[Any, ...] | None:
+    """Shape, names and frames behind a transform of a vector of this shape; ``None`` if new."""
+    after = numbers_behind(transform, known(*shape)).get("observation")
+    if after is None:
+        return None
+    frames = [number.frame for number in after.ravel()]
+    return after.shape, "".join(number.entry.name for number in after.ravel()), frames
+
+
+def test_a_place_counted_from_the_end_is_known_and_one_from_the_front_is_not() -> None:
+    ones, two = [0] * 6, [0, 0]
+    assert row(UnsqueezeTransform(-1, in_keys=KEYS), 2) == ((2, 1), "ab", two)
+    assert row(UnsqueezeTransform(0, allow_positive_dim=True, in_keys=KEYS), 2) is None
+    assert row(SqueezeTransform(-1, in_keys=KEYS), 2, 1) == ((2,), "ab", two)
+    assert row(SqueezeTransform(-2, in_keys=KEYS), 1, 2) == ((2,), "ab", two)
+    assert row(SqueezeTransform(-1, in_keys=KEYS), 1, 2) == ((1, 2), "ab", two)
+    assert row(SqueezeTransform(0, allow_positive_dim=True, in_keys=KEYS), 1, 2) is None
+    assert row(SqueezeTransform(-3, in_keys=KEYS), 1, 2) is None
+    assert row(FlattenObservation(-2, -1, in_keys=KEYS), 2, 3) == ((6,), "abcdef", ones)
+    assert row(FlattenObservation(-1, -1, in_keys=KEYS), 2, 3) == ((2, 3), "abcdef", ones)
+    shapes = {(-2, -1): (2, 6), (-3, -2): (6, 2), (-3, -1): (12,)}
+    for (first, last), shape in shapes.items():
+        found = row(FlattenObservation(first, last, in_keys=KEYS), 2, 3, 2)
+        assert found == (shape, "abcdefghijkl", [0] * 12)
+    assert row(FlattenObservation(-3, -1, in_keys=KEYS), 2, 3) is None
+    assert row(FlattenObservation(0, 1, allow_positive_dim=True, in_keys=KEYS), 2, 3) is None
+    assert row(CatFrames(3, -1, in_keys=KEYS), 2) == ((6,), "ababab", [2, 2, 1, 1, 0, 0])
+    assert row(CatFrames(2, -2, in_keys=KEYS), 1, 2) == ((2, 2), "abab", [1, 1, 0, 0])
+    assert row(CatFrames(2, -2, in_keys=KEYS), 2) is None
+
+
+def test_statistics_of_another_shape_or_without_deviation_make_new_numbers() -> None:
+    def normalised(mean: list[Any], deviation: list[Any], *, is_inverse: bool) -> Any:
+        statistics = torch.tensor(mean), torch.tensor(deviation)
+        transform = ObservationNorm(*statistics, KEYS, standard_normal=is_inverse)
+        after = numbers_behind(transform, known(2)).get("observation")
+        return None if after is None else [(number.scale, number.offset) for number in after]
+
+    # What was 2 * entry + 1 is divided, or multiplied.
+    divided, multiplied = [(1.0, -0.5), (0.5, -0.75)], [(4.0, 4.0), (8.0, 8.0)]
+    mean, deviation = [2.0, 4.0], [2.0, 4.0]
+    assert normalised(mean, deviation, is_inverse=True) == divided
+    assert normalised(mean, deviation, is_inverse=False) == multiplied
+    assert normalised([mean] * 3, [deviation] * 3, is_inverse=True) == divided
+    assert normalised([0.0], [2.0], is_inverse=False) == [(4.0, 2.0)] * 2
+    assert normalised(mean, [2.0, 0.0], is_inverse=True) is None
+    assert normalised(mean, [2.0, 0.0], is_inverse=False) == [(4.0, 4.0), (0.0, 4.0)]
+    for is_inverse in (True, False):
+        assert normalised([1.0] * 3, deviation, is_inverse=is_inverse) is None
+        assert normalised(mean, [1.0] * 3, is_inverse=is_inverse) is None
+
+
+def test_a_renamed_vector_is_no_longer_under_its_old_name() -> None:
+    before = known(2)
+    for is_copy, keys in ((False, {"other"}), (True, {"observation", "other"})):
+        renamed = RenameTransform(KEYS, ["other"], create_copy=is_copy)
+        assert numbers_behind(renamed, before).keys() == keys
+        assert numbers_behind(renamed, {}) == {}
+
+
+@pytest.mark.parametrize(
+    ("entry", "has"),
+    [
+        (Entry("wind"), False),
+        (Entry("wind", low=0.0), False),
+        (Entry("wind", high=0.0), False),
+        (Entry("wind", 0.0, 9.0), True),
+        (Entry("arm_goal"), True),
+        (Entry("left_angle"), True),
+        (Entry("goal_of_wind"), False),
+        (Entry("turn", wraps=True), True),
+    ],
+)
+def test_angles_goals_and_what_has_a_range_have_units(entry: Entry, has: bool) -> None:
+    assert has_unit(entry) is has
 
 
 def test_numbers_of_several_vectors_are_read() -> None:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from brickhub.options import check_existing
-from bricksrl.cli.data import Push
+from bricksrl.cli.data import Pull, Push
 from bricksrl.data.schema import FILES
 from bricksrl.errors import DataError
 from bricksrl.training.existing_run import CONFIG, POLICY
@@ -72,3 +73,22 @@ def test_what_is_shared_is_pushed_as_it_was_asked_for(
         (shared, "me/mine", True, "cc-by-4.0"),
     ]
     assert capsys.readouterr().out == "https://hub/me/mine\n" * 2
+
+
+@pytest.mark.parametrize(("policy", "kind"), [(False, "dataset"), (True, "policy")])
+def test_what_is_pulled_is_what_was_asked_for(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    policy: bool,
+    kind: str,
+) -> None:
+    def puller(name: str) -> Callable[..., Path]:
+        return lambda repo, out, *, revision: out / name / repo / str(revision)
+
+    monkeypatch.setattr("bricksrl.data.share.pull_dataset", puller("dataset"))
+    monkeypatch.setattr("bricksrl.policies.sharing.pull_policy", puller("policy"))
+    Pull("me/mine", tmp_path, policy=policy).execute()
+    Pull("me/mine", tmp_path, policy=policy, revision="v2").execute()
+    place = tmp_path / kind / "me/mine"
+    assert capsys.readouterr().out.splitlines() == [f"{place / 'None'}", f"{place / 'v2'}"]

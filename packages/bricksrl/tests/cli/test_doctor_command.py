@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import errno
 import json
+import re
+import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 from brickhub.finding import Outcome
 from bricksrl.cli import doctor, main
+from bricksrl.errors import TwinError
 
 
 def test_doctor_answers_on_this_computer(capfd) -> None:
@@ -55,6 +59,31 @@ def test_crashing_driver_is_a_warning(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(doctor, "_DRAW", "import time; time.sleep(20)")
     monkeypatch.setattr(doctor, "_DRAW_S", 0.3)
     assert "nothing was drawn within 0.3 s" in doctor.check_opengl()[1]
+
+
+def test_physics_and_cameras_are_told_with_what_to_install(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    outcome, detail = doctor.check_physics()
+    assert outcome is Outcome.OK and re.fullmatch(r"MuJoCo \d+\.\d+\.\d+", detail)
+    monkeypatch.setattr("mujoco.mj_step", lambda *_: None)
+    assert doctor.check_physics() == (
+        Outcome.ERROR,
+        "MuJoCo loads, but nothing falls; install mujoco again",
+    )
+
+    def refuse() -> None:
+        raise TwinError("MuJoCo cannot be loaded")
+
+    monkeypatch.setattr(doctor, "check_mujoco", refuse)
+    with pytest.raises(TwinError, match="cannot be loaded"):
+        doctor.check_physics()
+    monkeypatch.setitem(sys.modules, "cv2", None)
+    outcome, detail = doctor.check_opencv()
+    assert outcome is Outcome.WARNING
+    assert detail.startswith("none (") and 'pip install "bricksrl[vision]"' in detail
+    monkeypatch.setitem(sys.modules, "cv2", SimpleNamespace(__version__="4.1"))
+    assert doctor.check_opencv() == (Outcome.OK, "OpenCV 4.1")
 
 
 @pytest.mark.parametrize(

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import ast
+from contextlib import ExitStack
+from pathlib import Path
 
 import pytest
 
 from brickhub.hub.program.generate import generate
+from bricksrl.cli.hub_run import Run
 from bricksrl.envs import get_task
+from bricksrl.errors import DescriptionError
 
 
 def test_program_equals_generated_one(bricksrl):
@@ -94,12 +98,23 @@ def test_run_takes_a_robot_from_a_file(bricksrl, tmp_path):
         (("--hub", "ble", "--press", "left@1s"), "leave out --hub"),
         (("--hub", "ble", "--page"), "leave out --hub"),
         (("--robot", "walker", "--reading", "B=red"), "--robot bench"),
+        (("--robot", "walker", "--page", "--realtime"), "the page has a pace of its own"),
+        (("--robot", "walker", "--page", "--video", "x.mp4"), "the page has a pace of its own"),
     ],
 )
 def test_run_with_mismatched_options_raises(fails, tmp_path, options, says):
     path = tmp_path / "main.py"
     path.write_text("")
     fails("hub", "run", str(path), *options, says=says)
+
+
+def test_programs_are_shown_while_they_run_only_where_a_page_is_asked_for():
+    plain, paged = (Run(Path("main.py"), page=page) for page in (False, True))
+    with ExitStack() as stack:
+        assert plain.attend(stack) is None and plain.attend_in_room() is None
+        assert callable(paged.attend(stack)) and callable(paged.attend_in_room())
+        with pytest.raises(DescriptionError, match="name a robot for each program, or omit --page"):
+            paged.bodies(stack)
 
 
 def test_robots_of_an_arena_have_programs(bricksrl, fails) -> None:

@@ -5,14 +5,17 @@ from __future__ import annotations
 import itertools
 import json
 import re
-from contextlib import closing
+from contextlib import AbstractContextManager, closing, contextmanager
+from types import SimpleNamespace
 
 import pytest
 
+from brickhub.cli.terminal import Interrupted
 from bricksrl import make
-from bricksrl.cli import main
+from bricksrl.cli import main, page
 from bricksrl.cli.app import parse
-from bricksrl.cli.page import DriveRobot, Play, _in_terminal, announce, has_screen
+from bricksrl.cli.page import Demo, DriveRobot, Play, _in_terminal, announce, has_screen
+from bricksrl.errors import DescriptionError, StoppedError
 from bricksrl.policies.policy import Player
 
 
@@ -193,3 +196,120 @@ def test_phone_in_the_network_gets_a_qr_code(capfd):
 def test_no_browser_without_display(monkeypatch):
     monkeypatch.setattr("sys.stderr", None)
     assert not has_screen()
+
+
+@pytest.mark.parametrize(
+    ("platform", "is_terminal", "variables", "has"),
+    [
+        ("linux", True, {"DISPLAY": ":0"}, True),
+        ("linux", True, {"WAYLAND_DISPLAY": "wayland-0"}, True),
+        ("linux", True, {}, False),
+        ("linux", False, {"DISPLAY": ":0"}, False),
+        ("linux", True, {"DISPLAY": ":0", "SSH_CONNECTION": "10.0.0.1 22"}, False),
+        ("darwin", True, {}, True),
+        ("win32", True, {}, True),
+        ("darwin", True, {"SSH_CONNECTION": "10.0.0.1 22"}, False),
+        ("win32", False, {}, False),
+    ],
+)
+def test_a_browser_is_seen_where_somebody_sits(monkeypatch, platform, is_terminal, variables, has):
+    for name in ("DISPLAY", "WAYLAND_DISPLAY", "SSH_CONNECTION"):
+        monkeypatch.delenv(name, raising=False)
+    for name, value in variables.items():
+        monkeypatch.setenv(name, value)
+    screen = SimpleNamespace(isatty=lambda: is_terminal)
+    system = SimpleNamespace(platform=platform, stderr=screen)
+    monkeypatch.setattr("bricksrl.cli.page.sys", system)
+    assert has_screen() is has
+
+
+class Shown:
+    """What commands show on a page, and which environments they make for it."""
+
+    def __init__(self, monkeypatch) -> None:
+        self.shown, self.made = [], []
+        self.env = SimpleNamespace(task=None, close=lambda: None)
+        monkeypatch.setattr(page, "_on_page", lambda *given, **named: self.shown.append(named))
+        monkeypatch.setattr(page, "make", self.make)
+        monkeypatch.setattr(page, "placing", lambda: "by hand")
+        monkeypatch.setattr(page, "array_policies", lambda *_: {"random": 1, "best": 2})
+
+    def make(self, env_id, *_options, **named):
+        self.made.append((env_id, named))
+        return self.env
+
+
+def test_commands_show_a_robot_as_they_were_asked_to(monkeypatch):
+    stage = Shown(monkeypatch)
+    monkeypatch.setattr(page, "has_arrays", lambda *_: True)
+    DriveRobot("RunAway-v0", seed=3).execute()
+    Play("RunAway-v0", seed=5, page=True, episodes=2).execute()
+    Demo("Walker-v1", seed=7, episodes=4).execute()
+    assert stage.made == [
+        ("RunAway-v0", {"seed": 3, "place": "by hand", "arrays": True}),
+        ("RunAway-v0", {"seed": 5, "arrays": True}),
+        ("Walker-v1", {"seed": 7, "arrays": True}),
+    ]
+    assert stage.shown == [
+        {"subtitle": "driven by hand", "in_charge": True},
+        {"episodes": 2},
+        {"subtitle": "comes with BricksRL", "episodes": 4},
+    ]
+
+
+def test_a_robot_is_driven_from_the_page_unless_a_device_is_in_charge(monkeypatch):
+    stage = Shown(monkeypatch)
+    monkeypatch.setattr(page, "has_arrays", lambda *_: False)
+    asked = []
+
+    @contextmanager
+    def driving(device, env_id, _task, *, in_charge):
+        asked.append((device, env_id, in_charge))
+        yield device
+
+    monkeypatch.setattr(page, "driving", driving)
+    for device in (None, "gamepad"):
+        DriveRobot("RunAway-v0", seed=3, device=device).execute()
+    assert asked == [(None, "RunAway-v0", True), ("gamepad", "RunAway-v0", True)]
+    assert [named["in_charge"] for named in stage.shown] == [True, False]
+    with pytest.raises(DescriptionError, match="has no robot to show; `bricksrl demo` shows"):
+        Demo("WalkerSim-v0").execute()
+
+
+@pytest.mark.parametrize(
+    ("named", "order"),
+    [
+        (None, ["random", "first", "last"]),
+        ("last", ["random", "first", "last"]),
+        ("random", ["first", "last", "random"]),
+        ("first", ["random", "last", "first"]),
+    ],
+)
+def test_a_page_begins_with_the_policy_that_was_named(named, order):
+    policies = {"random": 1, "first": 2, "last": 3}
+    found = page._beginning_with(named, policies, "runs/x")
+    assert list(found) == order and found == policies
+    with pytest.raises(DescriptionError, match="runs/x has no policy 'best'; choose random, first"):
+        page._beginning_with("best", policies, "runs/x")
+
+
+class ServedPage(AbstractContextManager):
+    url = "http://127.0.0.1:1/"
+
+    def __exit__(self, *_):
+        pass
+
+
+def test_what_was_played_is_summed_up_and_a_stop_is_no_end_of_it(capfd):
+    env = make("WalkerSim-v0")
+    live = ServedPage()
+    for returns, line in (([1.0, 2.0], "2 episodes, mean return 1.5"), ([-3.0], "1 episode, mean")):
+        page.play_until_stopped(env, live, lambda _stop, returns=returns: returns)
+        assert capfd.readouterr().out.startswith(line)
+
+    def stop(_stop):
+        raise StoppedError("by hand")
+
+    with pytest.raises(Interrupted):
+        page.play_until_stopped(env, live, stop)
+    assert not capfd.readouterr().out

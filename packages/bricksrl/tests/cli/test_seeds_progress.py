@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+from brickhub.files import quoted
 from bricksrl.cli import main
-from bricksrl.cli.progress import SeedsProgress, sparkline
+from bricksrl.cli.progress import RunProgress, SeedsProgress, clock, sparkline
+from bricksrl.errors import HubError
+from bricksrl.training.callbacks import Episode, Phase, Progress, RobotState
+from bricksrl.training.config import TrainConfig
 
 
 def test_progress_lines_show_episodes_and_lost_workers(capsys: pytest.CaptureFixture[str]) -> None:
@@ -61,3 +67,89 @@ def test_sparkline_reaches_from_the_lowest_to_the_highest_bar() -> None:
     assert sparkline([3.0, 3.0]) == "▅▅"
     bars = sparkline([float(value) for value in range(8)])
     assert list(bars) == sorted(set(bars)) and len(bars) == 8
+
+
+def ended(number: int, **changes: Any) -> Episode:
+    usual = {"steps": 40, "length": 20, "return_": 12.345678, "success": None}
+    return Episode(number, **{"phase": Phase.TRAIN, **usual, **changes})
+
+
+def test_a_run_without_a_terminal_tells_a_line_an_episode(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    progress = RunProgress()
+    assert progress.saved() == "no episode was finished, so nothing was saved"
+    config = TrainConfig("RunAway-v0", "sac", episodes=4, seed=3, run_dir=tmp_path)
+    progress.on_start(config, tmp_path, 0)
+    again = f"`bricksrl resume {quoted(tmp_path)}`"
+    assert progress.saved() == f"no episode was finished; {again} begins again"
+    at = Progress(episodes_total=4, steps_per_s=12.3456, remaining_s=3725.4)
+    progress.on_episode(ended(1, phase=Phase.PREFILL), at)
+    progress.on_episode(ended(2, robot="left", updates_per_step=2.0), at)
+    assert progress.saved() == f"saved 2 episodes in {tmp_path}; {again} goes on"
+    progress.on_start(replace(config, asynchronous=True), tmp_path, 2)
+    progress.on_episode(ended(3, updates_per_step=1.5), replace(at, remaining_s=59.6))
+    progress.on_episode(ended(4), replace(at, remaining_s=0.0))
+    progress.on_catching_up(1)
+    rate = "12.3 steps/s  1:02:05 left"
+    start = f"sac on RunAway-v0, seed 3: {tmp_path}"
+    assert capsys.readouterr().out.splitlines() == [
+        start,
+        f"episode 1/4  return 12.35  {rate}  (random start)",
+        f"episode 2/4  return 12.35  left  {rate}",
+        start,
+        "episode 3/4  return 12.35  12.3 steps/s  1:00 left  1.5 updates/step",
+        "episode 4/4  return 12.35  12.3 steps/s  0:00 left",
+        "the robot is done; 1 update left to learn, Ctrl-C leaves out the rest",
+    ]
+
+
+def test_trouble_with_a_robot_is_said_once(capsys: pytest.CaptureFixture[str]) -> None:
+    progress = RunProgress()
+    for length, reason in (
+        (0, "no answer"),
+        (0, "no answer"),
+        (7, "no answer"),
+        (0, "switched off"),
+    ):
+        progress.on_link_lost(3, length, HubError(reason))
+    tries = "trying to reach it again, Ctrl-C ends it"
+    assert capsys.readouterr().out.splitlines() == [
+        f"the robot is out of reach (no answer); {tries}",
+        f"the link broke in episode 3 after 7 steps (no answer); {tries}",
+        f"the robot is out of reach (switched off); {tries}",
+    ]
+    for state in RobotState:
+        progress.on_robot("left", state, "it is gone")
+    assert capsys.readouterr().err.splitlines() == [
+        "put left where an episode starts",
+        "left has left: it is gone",
+        "left is given up: it is gone",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("hub", "says"), [("virtual", ""), ("ble", "connecting to the robot (ble)\n")]
+)
+def test_a_real_robot_is_connected_to_with_a_note(
+    capsys: pytest.CaptureFixture[str], hub: str, says: str
+) -> None:
+    progress, ready = RunProgress(hub), list[object]()
+    progress.on_ready = ready.append
+    progress.on_env("env")  # type: ignore[arg-type]
+    assert ready == ["env"] and capsys.readouterr().err == says
+
+
+@pytest.mark.parametrize(
+    ("seconds", "text"),
+    [
+        (0.0, "0:00"),
+        (59.4, "0:59"),
+        (59.6, "1:00"),
+        (3599.0, "59:59"),
+        (3600.0, "1:00:00"),
+        (36_061.0, "10:01:01"),
+    ],
+)
+def test_a_clock_has_hours_only_where_there_are_some(seconds: float, text: str) -> None:
+    assert clock(seconds) == text

@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import json
+import os
 import signal
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,8 +17,10 @@ from videos import read_video
 from bricksrl.cli import team_command as team
 from bricksrl.cli.app import run
 from bricksrl.cli.team_command import TrainTeam
-from bricksrl.errors import UnknownNameError
+from bricksrl.errors import RenderingUnavailableError, UnknownNameError
 from bricksrl.training.checkpoint import save_checkpoint
+from bricksrl.training.teams import groups
+from bricksrl.training.teams import team as teams
 
 
 @pytest.mark.slow
@@ -87,6 +93,10 @@ def test_options_make_the_configuration() -> None:
     config = TrainTeam(agent="sac", learn=("runner",), seed=3).config("Tag-v0")
     assert (config.agents, config.scripts) == ({"runner": "sac"}, {"catcher": "chase"})
     assert (config.copies, config.frames, config.seed) == (256, 300_000, 3)
+    first = TrainTeam().config("Tag-v0")
+    assert (first.agents, first.scripts) == ({"catcher": "ippo"}, {"runner": "flee,random"}), (
+        "the first group learns, against a runner that it does not know by heart"
+    )
     both = TrainTeam(learn=("catcher", "runner"), copies=0, frames=7).config("Tag-v0")
     assert (both.agents, both.scripts, both.copies, both.frames) == (
         {"catcher": "sac", "runner": "sac"},
@@ -175,3 +185,88 @@ def test_what_is_kept_of_a_team_is_said_with_the_command_for_it(tmp_path: Path) 
     (folder / team.TEAM_FILE).touch()
     says = f"the team is in {folder}; `bricksrl team --play '{folder}'` plays with it"
     assert team._kept(folder) == says
+
+
+def test_the_page_of_an_arena_shows_its_latest_team_or_its_scripts(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(team, "make_arena", lambda env: f"arena {env}")
+    monkeypatch.setattr(groups, "team_policy", lambda *given: given)
+    monkeypatch.setattr(teams, "load_team", lambda path: SimpleNamespace(policy=path))
+    scripts = {"catcher": "chase", "runner": "flee"}
+    assert team._latest_policy("Tag-v0") == (("arena Tag-v0", {}, scripts), "by script")
+    made = []
+    for number, name in enumerate(("Tag-v0-sac-0-x", "Tag-v0-ippo-1-x", "Carry-v0-sac-0-x")):
+        made.append(Path("runs") / name / team.TEAM_FILE)
+        made[-1].parent.mkdir(parents=True)
+        made[-1].touch()
+        os.utime(made[-1], (0, 100 - 10 * number))
+    assert team._latest_policy("Tag-v0") == (made[0], str(made[0].parent))
+    os.utime(made[1], (0, 200))
+    assert team._latest_policy("Tag-v0") == (made[1], str(made[1].parent))
+
+
+@pytest.mark.parametrize("has_folder", [True, False])
+def test_a_team_that_plays_is_told_and_filmed(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    has_folder: bool,
+) -> None:
+    asked, closed = [], []
+    env = SimpleNamespace(close=lambda: closed.append(True))
+    monkeypatch.setattr(
+        team, "make_arena", lambda *given, **named: asked.append((given, named)) or env
+    )
+    played = [
+        teams.TeamEpisode(success, length, {}) for success, length in ((True, 30), (False, 81))
+    ]
+    monkeypatch.setattr(teams, "play_team", lambda *given: asked.append(given) or played)
+
+    def film(*_: object) -> None:
+        raise RenderingUnavailableError("no OpenGL")
+
+    monkeypatch.setattr("bricksrl.evaluation.film.film_arena", film)
+    config = TrainTeam(deaf=True, seed=4).config("Guide-v0")
+    trained = SimpleNamespace(policy="policy", config=config)
+    command = TrainTeam(episodes=2, seed=4)
+    command._play(trained, tmp_path if has_folder else None)  # type: ignore[arg-type]
+    assert asked[0] == (("Guide-v0",), {"deaf": True})
+    assert asked[1][:3] == (env, "policy", 2) and closed == [True]
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0] == "success         1 of 2 episodes in the arena, 55.5 steps on average"
+    folder = [f"team            {tmp_path / team.TEAM_FILE}", "film            none: no OpenGL"]
+    assert lines[1:] == (folder if has_folder else [])
+    for seed in (4, 5):
+        replace(command, seed=seed)._play(trained, None)  # type: ignore[arg-type]
+    first, again, other = (given[3] for given in asked[1::2])
+    assert first == again != other, "the seed draws the episodes"
+
+
+@pytest.mark.parametrize("frames", [10, 1000])
+def test_a_team_s_training_has_at_most_twenty_lines(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    frames: int,
+) -> None:
+    def train(config: Any, *, on_progress: Any, stop: object) -> SimpleNamespace:
+        for done in range(1, config.frames + 1):
+            returns = {"catcher": 0.5 * done, "runner": -1.0}
+            on_progress(teams.TeamProgress(done, done // 2, returns, 0.25))
+        return SimpleNamespace(save=lambda path: path.write_bytes(b"team"))
+
+    monkeypatch.setattr(teams, "train_team", train)
+    command = TrainTeam(frames=frames, seed=3)
+    command._train(command.config("Tag-v0"), tmp_path)
+    first, *lines = capsys.readouterr().out.splitlines()
+    assert first == f"Tag-v0, seed 3: catcher by ippo; {tmp_path}"
+    assert lines[-1] == (
+        f"step {frames}/{frames}  {frames // 2} episodes  "
+        f"return catcher {0.5 * frames:g}  runner -1  success 25 %"
+    )
+    steps = [int(line.split()[1].partition("/")[0]) for line in lines]
+    # Without an episode there is nothing to tell.
+    assert steps == ([*range(2, 11)] if frames == 10 else [*range(50, 1001, 50)])
+    assert (tmp_path / team.TEAM_FILE).read_bytes() == b"team"

@@ -10,6 +10,7 @@ import pytest
 from forked import ForkServer, Scratch
 from toy_data import SEEING, TOY, record
 
+from bricksrl.cli import main
 from bricksrl.data import Episodes, load
 from bricksrl.data.edit import merge, salvage, split
 from bricksrl.data.formats import export_minari
@@ -227,3 +228,44 @@ def test_parts_are_not_within_each_other(tmp_path: Path, first: str, second: str
 def test_a_dataset_may_stand_beside_others_and_in_the_folder_of_a_run(tmp_path: Path) -> None:
     part = record(tmp_path / "run/data", (3, 4))
     assert len(merge([part], tmp_path / "run/joined").rows) == 2
+
+
+def test_parts_and_wholes_are_told_with_their_sizes(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    source = record(tmp_path / "a", (3, 4, 5, 1))
+    most, rest, whole = (tmp_path / name for name in ("most", "rest", "whole"))
+    words = [str(source), "--out", str(most), "--rest", str(rest), "--seed", "3"]
+    assert main(["data", "split", *words]) == 0
+    kept = load(most)
+    count, steps = len(kept.rows), len(kept)
+    assert count == 3, "four fifths by default"
+    assert capsys.readouterr().out.splitlines() == [
+        f"3 episodes, {steps} steps: {most}",
+        f"1 episode, {13 - steps} step{'' if steps == 12 else 's'}: {rest}",
+    ]
+    assert main(["data", "merge", str(most), str(rest), "--out", str(whole)]) == 0
+    assert capsys.readouterr().out == f"4 episodes, 13 steps: {whole}\n"
+
+
+@pytest.mark.parametrize(
+    ("share", "says"),
+    [
+        (-0.1, "share is -0.1; give a number between 0 and 1"),
+        (1.1, "share is 1.1; give a number between 0 and 1"),
+        (float("nan"), "share is nan"),
+        (0.0, "a share of 0 of 4 episodes leaves one of the two empty"),
+        (0.1, "a share of 0.1 of 4 episodes leaves one of the two empty"),
+        (0.9, "a share of 0.9 of 4 episodes leaves one of the two empty"),
+        (1.0, "a share of 1 of 4 episodes leaves one of the two empty"),
+    ],
+)
+def test_a_share_leaves_something_for_both_parts(tmp_path: Path, share: float, says: str) -> None:
+    source = record(tmp_path / "a", (1, 1, 1, 1))
+    with pytest.raises(DataError, match=says):
+        split(source, tmp_path / "x", tmp_path / "y", share, 0)
+    assert [path.name for path in tmp_path.iterdir()] == ["a"]
+    for least in (0.2, 0.8):
+        first, second = tmp_path / f"{least} first", tmp_path / f"{least} second"
+        parts = split(source, first, second, least, 0)
+        assert [len(part.rows) for part in parts] == [round(4 * least), 4 - round(4 * least)]

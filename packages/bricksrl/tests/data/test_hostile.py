@@ -15,7 +15,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from test_edit import same
-from toy_data import TOY, record, record_episode
+from toy_data import SEEING, TOY, record, record_episode
 
 from bricksrl.data import Episodes, Recorder, load
 from bricksrl.data.edit import merge
@@ -154,6 +154,15 @@ def test_inconsistent_rows_raise(tmp_path: Path, cells: dict[str, object]) -> No
         load(root)
 
 
+@pytest.mark.parametrize(("chunk", "file"), [(1, -999), (-1, 1001), (0, 1000), (0, -1)])
+def test_a_file_has_one_number_in_its_folder_alone(tmp_path: Path, chunk: int, file: int) -> None:
+    """The first two would be the right file, counted from another folder."""
+    root = record(tmp_path / "set")
+    edit_rows(root, **{"data/chunk_index": chunk, "data/file_index": file})
+    with pytest.raises(DataError, match="rows that are not ours"):
+        load(root)
+
+
 @pytest.mark.parametrize(
     ("column", "value"),
     [
@@ -238,3 +247,44 @@ def test_missing_files_are_named(tmp_path: Path, make, told: str) -> None:
     make(tmp_path / "set")
     with pytest.raises(DataError, match=told):
         load(tmp_path / "set")
+
+
+def test_steps_of_another_place_are_refused(tmp_path: Path) -> None:
+    """Two files that were exchanged, or one that was cut, are whole by themselves."""
+    root = record(tmp_path / "set", (4, 4, 4))
+    for number in (0, 1, 2):
+        rows = root / ROWS.replace("001", f"00{number}")
+        table = pq.read_table(rows)
+        place = table.schema.get_field_index("data/sha256")
+        none = pa.array([None], pa.string())
+        pq.write_table(table.set_column(place, table.schema.field(place), none), rows)
+    assert len(load(root)) == 12
+    first, second = root / DATA.replace("001", "000"), root / DATA
+    data = first.read_bytes(), second.read_bytes()
+    first.write_bytes(data[1])
+    with pytest.raises(DataError, match="holds other steps than meta/episodes says"):
+        load(root)
+    first.write_bytes(data[0])
+    pq.write_table(pq.read_table(second).slice(0, 3), second)
+    with pytest.raises(DataError, match="file-001.parquet holds other steps than meta/episodes"):
+        load(root)
+    # What follows is of an episode whose recording was killed.
+    pq.write_table(pa.concat_tables([pq.read_table(first)] * 2), first)
+    second.write_bytes(data[1])
+    assert len(load(root)) == 12
+
+
+def test_a_video_has_the_image_after_the_last_step_in_its_row(tmp_path: Path) -> None:
+    root = record(tmp_path / "set", description=SEEING)
+    edit_rows(root, **{"final/observation.images.webcam": b"short"})
+    with pytest.raises(DataError, match="episode 1 in .* has no final image; restore meta/episode"):
+        load(root)
+    assert len(load(root, images=False)) == 12
+
+
+def test_a_dataset_without_episodes_is_not_loaded(tmp_path: Path) -> None:
+    root = record(tmp_path / "set", (2,))
+    info = json.loads((root / INFO).read_text())
+    (root / INFO).write_text(json.dumps({**info, "total_episodes": 0}))
+    with pytest.raises(DataError, match="has no episodes yet; record some"):
+        load(root)

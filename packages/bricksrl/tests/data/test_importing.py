@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import pickle
 from contextlib import closing
 from pathlib import Path
@@ -10,7 +11,7 @@ import pytest
 import torch
 from tensordict import TensorDict
 
-from bricksrl.data import load
+from bricksrl.data import formats, load
 from bricksrl.data.formats import import_paper
 from bricksrl.data.integrity import check
 from bricksrl.envs import get_task, make
@@ -77,6 +78,55 @@ def test_walker_data_is_reordered(tmp_path: Path) -> None:
         e.name for e in get_task("Walker-v0").entries
     ]
     assert check(tmp_path / "ours/Walker-v0-expert") == []
+
+
+def test_ends_of_the_paper_s_episodes_are_told_apart_by_their_length(tmp_path: Path) -> None:
+    """A time limit was stored as any other end, and a recording that was broken off as none."""
+    most = get_task("RunAway-v0").max_steps
+    lengths = (3, most, most - 1, 2)
+    steps = sum(lengths)
+    done = torch.zeros(steps, dtype=torch.bool)
+    done[[2, 2 + most, 1 + 2 * most]] = True
+    observation = torch.arange(5.0 * (steps + 1)).view(-1, 5)
+    save(tmp_path / "runaway", observation, torch.zeros(steps, 1), torch.ones(steps), done)
+    ((source, dataset),) = import_paper(tmp_path / "runaway", tmp_path / "ours")
+    assert source == tmp_path / "runaway" and dataset.description.env == "RunAway-v0"
+    rows = dataset.rows
+    assert [(row.length, row.terminated, row.about.whole) for row in rows] == [
+        (3, True, True),
+        (most, False, True),
+        (most - 1, True, True),
+        (2, False, False),
+    ]
+    assert load(tmp_path / "ours").truncated.nonzero().flatten().tolist() == [2 + most, steps - 1]
+    assert {row.about.policy for row in rows} == {"runaway"}
+
+
+@pytest.mark.parametrize(
+    ("folder", "task", "policy"),
+    [
+        ("walker_expert", "Walker-v0", "expert"),
+        ("spinning/random-2", "Spinning-v0", "random"),
+        ("RoboArm/mine", "RoboArm-v0", "mine"),
+        ("walker/runaway_expert", "RunAway-v0", "expert"),
+    ],
+)
+def test_names_of_folders_tell_task_and_policy(folder: str, task: str, policy: str) -> None:
+    path = Path("/nowhere") / folder
+    assert (formats._task_of(path), formats._policy_of(path)) == (task, policy)
+
+
+@pytest.mark.parametrize("before", [None, "elsewhere"])
+def test_the_folder_of_minari_is_set_for_a_while(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, before: str | None
+) -> None:
+    name = "MINARI_DATASETS_PATH"
+    monkeypatch.delenv(name, raising=False)
+    if before is not None:
+        monkeypatch.setenv(name, before)
+    with formats._datasets_in(tmp_path / "x" / ".."):
+        assert os.environ[name] == str(tmp_path.resolve())
+    assert os.environ.get(name) == before
 
 
 def test_acceleration_is_not_named_distance(tmp_path: Path) -> None:

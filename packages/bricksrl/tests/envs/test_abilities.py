@@ -14,10 +14,12 @@ import torch
 import bricksrl
 from brickhub.hub.interface import DriveSpeed, DriveStraight, RunAngle
 from brickhub.hub.program.generate import generate_alone
+from brickhub.search.approach import approach
 from brickhub.search.structure import source_by
 from brickhub.search.upright import upright
 from brickhub.user_files import load_object
 from bricksrl.agents import make_learner
+from bricksrl.agents.search import structures
 from bricksrl.agents.search.structures import make_structure
 from bricksrl.envs import get_task
 from bricksrl.envs.abilities import driving
@@ -82,6 +84,25 @@ def test_commands_are_those_of_the_robot():
     assert [type(command) for command in stop] == [DriveSpeed]
     car = get_task(f"{EXAMPLES / '13_front_steered.ldr'}:ahead").interface.commands
     assert [(type(command), command.name) for command in car] == [(RunAngle, "drive")]
+
+
+def test_a_walk_of_a_drawing_is_paid_by_its_way_and_ends_where_it_falls():
+    task = get_task(f"{PLANS / 'walker.ldr'}:walk")
+    names = [entry.name for entry in task.entries]
+    assert names[4:] == ["pitch", "roll", "forward"]
+
+    def rows(*about: tuple[float, float, float]) -> torch.Tensor:
+        return torch.tensor([[300.0, 300.0, 300.0, 300.0, *tail] for tail in about])
+
+    seen = rows((0.0, 0.0, 10.0), (60.0, -60.0, -20.0), (61.0, 0.0, 0.0), (0.0, -61.0, 40.0))
+    assert task.reward(seen, torch.zeros(4, 4), seen)[:, 0].tolist() == [0.5, -1.0, 0.0, 2.0]
+    assert task.terminated(seen)[:, 0].tolist() == [False, False, True, True]
+    assert task.metrics(seen)["mean_step_mm"].item() == 7.5
+    # 30 mm a second.
+    fast_mm = 0.03 * task.interface.settle.longest_ms
+    assert bool(task.success(rows((0.0, 0.0, 0.5 * fast_mm), (0.0, 0.0, 1.6 * fast_mm))))
+    assert not bool(task.success(rows((0.0, 0.0, 0.5 * fast_mm), (0.0, 0.0, 1.4 * fast_mm))))
+    assert not bool(task.success(rows((61.0, 0.0, fast_mm), (0.0, 0.0, 2 * fast_mm))))
 
 
 def test_a_walker_is_mirrored_if_all_of_its_legs_have_an_image():
@@ -149,6 +170,28 @@ def test_an_edge_is_followed_by_the_same_numbers_in_a_batch():
     shares = structure(observed, numbers.expand(3, -1))
     for seen, share in zip(observed.tolist(), shares, strict=True):
         assert share.tolist() == pytest.approx(structure.single.act(seen, numbers.tolist()))
+
+
+def test_an_approach_and_a_balance_are_the_same_numbers_in_a_batch():
+    generator = torch.Generator().manual_seed(5)
+    stop = f"{PLANS / 'two_wheeler.ldr'}:stop"
+    for reference, of_batch, of_one in (
+        (stop, structures.Approach, approach),
+        (BALANCER, structures.Upright, upright),
+    ):
+        structure = of_batch(of_one(get_task(reference).interface))
+        columns = len(get_task(reference).entries)
+        low = torch.tensor([number.low for number in structure.numbers])
+        high = torch.tensor([number.high for number in structure.numbers])
+        share = torch.rand((6, len(low)), generator=generator)
+        numbers = low + share * (high - low)
+        observed = 400.0 * torch.rand((6, columns), generator=generator)
+        shares = structure(observed, numbers).clamp(-1.0, 1.0)
+        for seen, one, found in zip(
+            observed.tolist(), numbers.tolist(), shares.tolist(), strict=True
+        ):
+            single = [min(max(act, -1.0), 1.0) for act in structure.single.act(seen, one)]
+            assert found == pytest.approx(single, abs=1e-4)
 
 
 def test_who_sees_no_line_follows_no_edge():
@@ -219,6 +262,22 @@ def test_what_a_plan_learns_is_no_code(tmp_path, monkeypatch):
         load_object("rover.ldr:walk", "AGENT")
 
 
+def test_a_stop_is_best_at_150_mm_and_thrice_as_bad_too_near():
+    task = get_task(f"{PLANS / 'two_wheeler.ldr'}:stop")
+
+    def reward(distance_mm: float) -> float:
+        seen = torch.tensor([[distance_mm]])
+        return task.reward(seen, torch.zeros(1, 1), seen).item()
+
+    assert reward(150.0) == 1.0
+    assert reward(350.0) == pytest.approx(1 / 3, abs=0.05)
+    for off_mm in (10.0, 40.0):
+        assert reward(150.0 - off_mm) == pytest.approx(reward(150.0 + 3 * off_mm))
+    stops = [torch.tensor([[900.0], [mm]]) for mm in (99.0, 101.0, 199.0, 201.0)]
+    assert [bool(task.success(stop)) for stop in stops] == [False, True, True, False]
+    assert task.metrics(stops[0])["final_off_mm"].item() == -51.0
+
+
 BALANCER = f"{EXAMPLES / 'drawings' / 'balancer.ldr'}:upright"
 STANDS = (0.0, 25.0, 0.05, 0.02, 0.015)
 """Lean, gain, time ahead, and shares of angle and speed, by which the balancer stands."""
@@ -233,6 +292,18 @@ def test_balancer_stands_by_a_program_of_its_own_and_falls_without():
         lengths.append(play_alone(program.source, task, None, 1).length)
     assert lengths[0] == task.max_steps
     assert lengths[1] < 100
+
+
+def test_who_balances_is_paid_for_staying_and_judged_by_its_falls():
+    task = get_task(BALANCER)
+    # Lean, rate, angle and speed of the wheels, all in degrees.
+    seen = torch.tensor([[lean, 9.0, turn, 9.0] for lean, turn in ((0, 0), (35, -360), (-36, 9e5))])
+    rewards = task.reward(seen, torch.zeros(3, 2), seen)[:, 0].tolist()
+    assert rewards == pytest.approx([1.0, 0.5 + 0.5 * math.exp(-1), 0.5])
+    assert task.terminated(seen)[:, 0].tolist() == [False, False, True]
+    assert (bool(task.success(seen[:2])), bool(task.success(seen))) == (True, False)
+    assert task.metrics(seen)["upright_s"].item() == pytest.approx(0.04)
+    assert task.metrics(seen[2:])["upright_s"].item() == 0.0
 
 
 def test_balancer_is_held_until_its_motors_turn():

@@ -56,6 +56,19 @@ def test_run_away_succeeds_a_metre_from_the_wall() -> None:
     assert run_away.metrics(tilted) == {"final_distance_mm": 200.0, "largest_pitch_deg": 7.0}
 
 
+@pytest.mark.parametrize(
+    ("make", "says"),
+    [
+        (lambda: run_away.run_away(ends_at_wall=1), "ends_at_wall is 1; give True or False"),  # type: ignore[arg-type]
+        (lambda: walker.timed("W-v0", 2.5), "step_ms is 2.5; give a whole number"),  # type: ignore[arg-type]
+        (lambda: walker.walker("W-v0", max_steps=2.5), "max_steps is 2.5; give a whole number"),  # type: ignore[arg-type]
+    ],
+)
+def test_options_of_another_type_are_named(make: Callable[[], object], says: str) -> None:
+    with pytest.raises(DescriptionError, match=says):
+        make()
+
+
 @pytest.mark.parametrize(("direction", "sign"), [(0.0, 1.0), (1.0, -1.0)])
 def test_spinning_counts_the_mean_rate_in_its_direction(direction: float, sign: float) -> None:
     def spun(*rates_deg_s: float) -> Tensor:

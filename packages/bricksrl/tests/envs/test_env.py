@@ -112,6 +112,26 @@ def test_a_new_episode_starts_at_rest() -> None:
     assert env.reset()["observation"][4].abs() < 5
 
 
+@pytest.mark.parametrize(
+    ("env_id", "names"),
+    [
+        ("Walker-v1", ("forward",)),
+        ("Park-v0", ("last_drive_speed", "last_turn_rate", "moved", "turned")),
+    ],
+)
+def test_nothing_was_driven_or_commanded_before_the_first_step(
+    env_id: str, names: tuple[str, ...]
+) -> None:
+    env = bricksrl.make(env_id, seed=0)
+    places = [entry.name for entry in env.task.entries]
+    first = env.reset()
+    env.step(env.rand_action(first.clone()))
+    for state in (first, env.reset()):
+        observation = state["observation"]
+        assert [observation[places.index(name)].item() for name in names] == [0.0] * len(names)
+    env.close()
+
+
 def test_starts_and_directions_vary_within_their_ranges() -> None:
     env = bricksrl.make("RunAway-v0", seed=0)
     distances_mm = torch.stack([env.reset()["observation"][4] for _ in range(20)])
@@ -270,6 +290,8 @@ def test_lost_link_in_step_truncates() -> None:
         True,
         False,
     ]
+    ends = [lost[key] for key in env.done_keys]
+    assert all(end.dtype is torch.bool and end.shape == (1,) for end in ends)
     assert torch.equal(lost["observation"], before["observation"]) and lost["reward"] == 0
     assert env.observation_spec.is_in(lost.select(*env.observation_spec.keys()))
     assert isinstance(env.link_error, HubError) and "answer" in str(env.link_error)
@@ -494,4 +516,44 @@ def test_step_has_timestamp() -> None:
         times_s.append(env.timing.hub_time_s)
         assert 0.0 < env.timing.age_s < 0.1  # it came over a radio that takes milliseconds
     assert all(0.1 <= later - sooner < 0.2 for sooner, later in itertools.pairwise(times_s))
+    env.close()
+
+
+class OpenLink:
+    """A link of which only its end matters."""
+
+    def __init__(self, *, is_open: bool) -> None:
+        self.is_open = is_open
+        self.closed: list[str] = []
+
+    def emergency_stop(self) -> None:
+        self.is_open = False
+        self.closed.append("stopped")
+
+    def close(self) -> None:
+        self.closed.append("closed")
+
+
+@pytest.mark.parametrize("is_open", [True, False])
+def test_a_real_robot_has_stopped_where_its_link_said_so(is_open: bool) -> None:
+    link = OpenLink(is_open=is_open)
+    env = HubEnv(RUN_AWAY, lambda _seed: Connection(link, lambda _rng: None))  # type: ignore[arg-type]
+    assert not env.has_stopped
+    assert env.twin is None, "it is connected now"
+    env.stop()
+    assert link.closed == ["stopped"]
+    assert env.has_stopped is is_open, "a link that was broken tells nothing of the motors"
+
+
+def test_a_robot_that_was_never_reached_has_stopped_and_a_virtual_one_where_nothing_drives() -> (
+    None
+):
+    env = bricksrl.make("Spinning-v0", seed=0)
+    env.stop()
+    assert env.has_stopped
+    env.resume()
+    env.step(env.reset().set("action", torch.ones(2)))
+    assert not env.has_stopped
+    env.stop()
+    assert env.has_stopped
     env.close()

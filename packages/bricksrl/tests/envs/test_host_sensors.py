@@ -27,7 +27,7 @@ from bricksrl.data import load
 from bricksrl.envs.env import HubEnv
 from bricksrl.envs.env_checker import check_env
 from bricksrl.envs.host_sensors.devices import second_camera, serial_numbers
-from bricksrl.envs.host_sensors.host_sensor import HostSensor, ThreadReader, World
+from bricksrl.envs.host_sensors.host_sensor import HostSensor, ThreadReader, World, reader_of
 from bricksrl.envs.registry import get_task, register
 from bricksrl.envs.tasks.spinning import SPINNING
 from bricksrl.envs.vision.camera import CameraView
@@ -36,6 +36,7 @@ from bricksrl.interfaces.gymnasium import GymnasiumEnv
 from bricksrl.page.live import LivePage
 from bricksrl.policies import load_policy
 from bricksrl.training import RunFolder, TrainConfig, train
+from bricktwin.twin.scene import Scene
 
 TASK = '''
 """The scout looks for the warm end of the room: a thermometer on a serial port."""
@@ -173,6 +174,51 @@ def test_lines_of_numbers_from_a_serial_port(board: Board) -> None:
     with pytest.raises(SensorError, match="says nothing for 1.5 s|gave no reading"):
         reader.open()
     reader.close()
+
+
+class Port:
+    """A serial port with these lines, of which so many wait at first."""
+
+    port = "COM3"
+
+    def __init__(self, lines: list[bytes], waiting: int) -> None:
+        self.lines, self.in_waiting = lines, waiting
+
+    def readline(self) -> bytes:
+        self.in_waiting = max(0, self.in_waiting - 1)
+        return self.lines.pop(0) if self.lines else b""
+
+
+@pytest.mark.parametrize(
+    ("lines", "waiting", "read"),
+    [
+        ([b".5, 48\n", b"21.5, 48\n", b"22;49\n"], 2, (21.5, 48.0)),
+        ([b".5, 48\n", b"21.5, 48\r\n", b"22;49\n", b"23 50\n"], 3, (22.0, 49.0)),
+        ([b"", b"ready\n", b"\xff\xfe\n", b" -7.25e1 \n"], 0, (-72.5,)),
+        ([b"x\n"], 0, "COM3 says nothing for 1.5 s; look whether its program runs"),
+        ([b"x\n", b"1\n", b""], 9, "COM3 says nothing"),
+        ([b"x\n", *[b"hello\n"] * 1000, b"1\n"], 0, "no lines of numbers but 'hello'; correct"),
+        ([b"x\n", *[b"hello\n"] * 999, b"1\n"], 0, (1.0,)),
+    ],
+)
+def test_the_newest_line_of_numbers_is_read_and_the_first_one_dropped(
+    monkeypatch: pytest.MonkeyPatch, lines: list[bytes], waiting: int, read: tuple[float, ...] | str
+) -> None:
+    serial = pytest.importorskip("serial")
+    asked = []
+
+    def opened(address: str, baud: int, *, timeout: float) -> Port:
+        asked.append((address, baud, timeout))
+        return Port(list(lines), waiting)
+
+    monkeypatch.setattr(serial, "serial_for_url", opened)
+    device = serial_numbers("COM3", 9600)()
+    assert asked == [("COM3", 9600, 1.5)]
+    if isinstance(read, tuple):
+        assert device.read() == read
+        return
+    with pytest.raises(SensorError, match=read):
+        device.read()
 
 
 @pytest.mark.realtime
@@ -347,6 +393,48 @@ def test_what_is_no_number_each_is_refused(reading: Any) -> None:
     sensor = HostSensor("clock", (Entry("tick", 0, 1),), Clock())
     with pytest.raises(SensorError, match="let it give a number each for tick"):
         sensor.checked(reading)
+
+
+def test_an_image_of_a_sensor_is_square_and_has_three_colors() -> None:
+    sensor = HostSensor("eye", (), Clock(), image_px=4)
+    image = np.zeros((4, 4, 3), np.uint8)
+    assert sensor.checked(image) is image
+    for wrong in (image[0], image[:, :3], image[..., :1], np.zeros((8, 8, 3)), (1.0,), None):
+        with pytest.raises(SensorError, match="'eye' gives no image of 4 x 4 px in three colors"):
+            sensor.checked(wrong)
+
+
+def test_a_number_of_a_sensor_may_be_any_but_its_age_is_below_its_patience() -> None:
+    entries = (Entry("tick", 0, 9, "s"), Entry("turn", -5, 5, limits=(-7, 7)))
+    sensor = HostSensor("clock", entries, Clock(), observes_age=True, patience_s=2.5)
+    assert sensor.checked(["-3.4e38", 3.4e38]) == (-3.4e38, 3.4e38)
+    tick, turn, age = sensor.observed_entries
+    assert (tick.low, tick.high, tick.bounds) == (0, 9, (-math.inf, math.inf))
+    assert turn.bounds == (-7, 7)
+    assert (age.name, age.bounds, age.unit) == ("clock_age", (0.0, 2.5), "s")
+    assert len(replace(sensor, observes_age=False).observed_entries) == 2
+
+
+def test_a_twin_is_read_at_most_as_often_as_its_rate() -> None:
+    now_s, readings, device = [0.0], iter(range(9)), Clock()
+    world = World(None, None, Scene(), np.random.default_rng(0), lambda: now_s[0], {"a": device})
+    sensor = HostSensor(
+        "clock", (Entry("tick", 0, 9),), Clock(), rate_hz=4.0, twin=lambda world: (next(readings),)
+    )
+    reader = reader_of(sensor, world)
+    reader.open()
+    seen = []
+    for at_s in (0.0, 0.125, 0.25, 0.375, 0.5):
+        now_s[0] = at_s
+        seen.append(reader.latest())
+    first, second, third = (0.0,), (1.0,), (2.0,)
+    assert seen == [(first, 0.0), (first, 0.125), (second, 0.0), (second, 0.125), (third, 0.0)]
+    reader.open()
+    assert reader.latest() == ((3.0,), 0.0), "an episode begins with a reading of its own"
+    reader.close()
+    assert device.closed == 1
+    assert isinstance(reader_of(sensor, None), ThreadReader)
+    assert isinstance(reader_of(replace(sensor, twin=None), world), ThreadReader)
 
 
 @pytest.mark.parametrize(

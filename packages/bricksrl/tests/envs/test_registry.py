@@ -15,6 +15,7 @@ import bricksrl
 from bricksrl.envs import get_task
 from bricksrl.envs.options import parse_option
 from bricksrl.envs.registry import ARGUMENTS
+from bricksrl.envs.task import Kinematics
 from bricksrl.envs.tasks.run_away import RUN_AWAY
 from bricksrl.errors import DescriptionError, RunError, UnknownNameError
 
@@ -127,6 +128,22 @@ def test_copies_of_a_simulation_count() -> None:
     state = copies.rollout(2)["next"]
     assert state["step_count"].shape == (3, 2, 1)
     assert torch.equal(state["episode_reward"][:, -1], state["reward"].sum(1))
+
+
+def test_copies_have_the_seed_and_the_kinematics_that_were_given() -> None:
+    def legs(seed: int, noise: float) -> torch.Tensor:
+        env = bricksrl.make("WalkerSim-v0", copies=3, seed=seed, kinematics=Kinematics(noise))
+        state = env.reset()
+        after = env.step(state.set("action", torch.zeros(3, 4)))["next", "observation"]
+        return torch.stack((state["observation"], after))[..., :4]
+
+    assert torch.equal(legs(1, 0.1), legs(1, 0.1))
+    assert not torch.equal(legs(1, 0.1), legs(2, 0.1))
+    exact = legs(1, 0.0)
+    turned = (exact[0] - exact[1]).remainder(360.0)
+    assert torch.allclose(turned, torch.tensor(50.0), atol=1e-3), "half of 100 degrees"
+    noisy = legs(1, 0.1)
+    assert torch.equal(noisy[0], exact[0]) and not torch.allclose(noisy[1], exact[1])
 
 
 def test_arenas_are_made_elsewhere() -> None:

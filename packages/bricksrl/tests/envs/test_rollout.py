@@ -9,7 +9,7 @@ import torch
 from tensordict import TensorDict, TensorDictBase
 from toys import Cart, LosingCart
 
-from bricksrl.envs import make
+from bricksrl.envs import make, rollout
 from bricksrl.envs.rollout import (
     Rollout,
     cut_at_lost_links,
@@ -20,6 +20,7 @@ from bricksrl.envs.rollout import (
     with_outcome,
 )
 from bricksrl.envs.transforms import own_frames
+from bricksrl.errors import HubError
 
 
 def ahead(state: TensorDictBase) -> TensorDictBase:
@@ -67,16 +68,16 @@ def test_repeated_action_is_by_hand_in_each_of_its_steps() -> None:
 
 
 def test_rollout_counts_steps_until_the_link_breaks() -> None:
-    env, rollout = LosingCart(at=3), Rollout()
-    assert (rollout.action_size, rollout.return_) == (0.0, 0.0)
+    env, collected = LosingCart(at=3), Rollout()
+    assert (collected.action_size, collected.return_) == (0.0, 0.0)
     for _ in range(2):
         env.reset()
     frames = list(play(env, ahead))
-    kept = [rollout.add(frame, env) for frame in frames]
-    assert [len(one) for one in kept] == [1, 1, 0] and rollout.is_lost
-    assert rollout.action_sizes == [0.5, 0.5] and rollout.action_size == 0.5
-    assert rollout.return_ == pytest.approx(sum(float(f["next", "reward"]) for f in frames[:2]))
-    assert rollout.judged(env) == (None, {})
+    kept = [collected.add(frame, env) for frame in frames]
+    assert [len(one) for one in kept] == [1, 1, 0] and collected.is_lost
+    assert collected.action_sizes == [0.5, 0.5] and collected.action_size == 0.5
+    assert collected.return_ == pytest.approx(sum(float(f["next", "reward"]) for f in frames[:2]))
+    assert collected.judged(env) == (None, {})
 
 
 def lost_frames(*lost: bool) -> TensorDict:
@@ -113,3 +114,77 @@ def test_copies_play_as_many_episodes_as_are_asked_for() -> None:
     again = list(play_episodes(env, env.rand_action, 3, 0))
     assert len(again) == 3
     assert longest_of(Cart()) == 100, "where no task says it"
+
+
+class CopiesThatWerePlayed:
+    """Copies whose rounds are these frames, ``[copies, time]``; actions of the k-th step are
+    ``k / 10``."""
+
+    def __init__(self, *rounds: tuple[str, ...], counts: bool = False) -> None:
+        self.rounds, self.counts = list(rounds), counts
+        self.batch_size = torch.Size([len(rounds[0])])
+        self.steps: list[int] = []
+
+    def rollout(self, steps: int, _policy: Any, *, break_when_any_done: bool) -> TensorDict:
+        """A letter a step: it goes on, ends, or the link is lost, which ends it too."""
+        assert not break_when_any_done
+        self.steps.append(steps)
+        told = self.rounds.pop(0)
+        copies, time = len(told), len(told[0])
+        is_end = torch.tensor([[letter != "." for letter in one] for one in told])[..., None]
+        is_lost = torch.tensor([[letter == "L" for letter in one] for one in told])[..., None]
+        number = torch.arange(1.0, time + 1).expand(copies, time)[..., None]
+        after = {"reward": number, "done": is_end, "link_lost": is_lost}
+        if self.counts:
+            after |= {"episode_reward": 100 * number, "step_count": (2 * number).int()}
+        action = number.expand(copies, time, 2) / 10 * torch.tensor([1.0, -1.0])
+        shape = [copies, time]
+        return TensorDict({"action": action, "next": TensorDict(after, shape)}, shape)
+
+
+@pytest.fixture
+def seeds(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """Seeds of the rounds."""
+    given: list[int] = []
+    monkeypatch.setattr(rollout, "seed_episode", lambda _env, seed: given.append(seed))
+    monkeypatch.setattr(rollout, "longest_of", lambda _env: 4)
+    monkeypatch.setattr(rollout, "_judge_of_copies", lambda _env: None)
+    return given
+
+
+def scores(env: CopiesThatWerePlayed, episodes: int) -> list[tuple[float, int, float]]:
+    played = rollout._play_copies(
+        env,  # type: ignore[arg-type]
+        lambda state: state,
+        episodes,
+        lambda number: 1000 + number,
+        lambda: None,
+    )
+    return [(score.return_, score.length, score.action_size) for score in played]
+
+
+def test_the_first_whole_episode_of_each_copy_counts(seeds: list[int]) -> None:
+    env = CopiesThatWerePlayed((".E.E", "....", "..LE"), ("E...", "..E.", "...E"))
+    size = pytest.approx
+    assert scores(env, 4) == [
+        (3.0, 2, size(0.15)),
+        (10.0, 4, size(0.25)),
+        (1.0, 1, size(0.1)),
+        (6.0, 3, size(0.2)),
+    ]
+    assert seeds == [1001, 1004] and env.steps == [4, 4]
+
+
+def test_counters_before_the_transforms_have_the_return_and_the_length(seeds: list[int]) -> None:
+    env = CopiesThatWerePlayed((".E.E", "...."), counts=True)
+    assert [(return_, length) for return_, length, _ in scores(env, 2)] == [(200.0, 4), (400.0, 8)]
+    assert seeds == [1001]
+
+
+def test_copies_that_are_all_lost_again_and_again_are_given_up(seeds: list[int]) -> None:
+    lost = ("L...", ".L..")
+    # A round in which one is whole begins the count anew.
+    env = CopiesThatWerePlayed(*[lost] * 4, ("L...", "E..."), *[lost] * 5)
+    with pytest.raises(HubError, match="the links to all 2 copies broke in 5 rounds"):
+        scores(env, 9)
+    assert not env.rounds and seeds[-1] == 1019

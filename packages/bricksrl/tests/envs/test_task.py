@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from contextlib import closing
 
 import numpy as np
@@ -13,9 +14,10 @@ from hypothesis import strategies as st
 
 import bricksrl
 from brickhub.hub.interface import Distance, DriveStraight, Interface, MotorAngle, UntilDone
+from bricksrl.envs.host_sensors.host_sensor import HostSensor
 from bricksrl.envs.registry import get_task
 from bricksrl.envs.rollout import play_episodes
-from bricksrl.envs.task import SampledEntry, Task
+from bricksrl.envs.task import SampledEntry, Task, check_measures
 from bricksrl.envs.tasks.run_away import RUN_AWAY
 from bricksrl.envs.tasks.spinning import SPINNING
 from bricksrl.errors import DescriptionError
@@ -143,6 +145,11 @@ def test_sampled_entries_are_drawn_from_their_whole_range() -> None:
     assert -45 <= min(goals) < -40 and 5 < max(goals) <= 10
 
 
+def eye(name: str) -> HostSensor:
+    """A camera that nobody opens."""
+    return HostSensor(name, (), lambda: None, image_px=8)  # type: ignore[arg-type, return-value]
+
+
 @pytest.mark.parametrize(
     ("change", "words"),
     [
@@ -170,11 +177,45 @@ def test_sampled_entries_are_drawn_from_their_whole_range() -> None:
         ),
         ({"terminated": lambda: True}, r"terminated of .* write a function of \(observation\)"),
         ({"interface": RUN_AWAY.interface.commands}, "interface is .*; give Interface"),
+        (
+            {"sampled_entries": (SampledEntry("wind", math.nan, 1),)},
+            "the range of wind ends below its start",
+        ),
+        ({"sensors": (eye("reward"),)}, "'reward' is what each step has anyway"),
+        ({"sensors": (eye("is_init"),)}, "'is_init' is what each step has anyway"),
+        ({"sensors": (eye("distance"),)}, "pitch, roll, distance, distance names an entry twice"),
+        ({"sensors": (eye("left"), eye("left"))}, "left, left names an entry twice"),
     ],
 )
 def test_invalid_task_raises(change: dict[str, object], words: str) -> None:
     with pytest.raises(DescriptionError, match=words):
         dataclasses.replace(RUN_AWAY, **change)  # type: ignore[arg-type]
+
+
+def test_a_task_may_have_an_episode_of_one_step_and_an_entry_of_one_value() -> None:
+    wind = SampledEntry("wind", 5, 5)
+    task = dataclasses.replace(
+        RUN_AWAY, max_steps=1, sampled_entries=(wind,), sensors=(eye("left"), eye("right"))
+    )
+    assert task.entries[-1] == wind
+    assert wind.draw(np.random.default_rng(0)) == 5.0
+
+
+@pytest.mark.parametrize("name", ["", " ", "_", "__ ", "a\nb", 3, None])
+def test_a_measure_has_a_name_in_words(name: object) -> None:
+    with pytest.raises(DescriptionError, match="metrics are named .*; take a name in words"):
+        check_measures(["way_mm", name], "metrics")
+
+
+@pytest.mark.parametrize(
+    ("name", "other"),
+    [("return", "task_return"), ("is_success", "task_is_success"), ("_way_", "task_way")],
+)
+def test_a_measure_has_a_name_of_its_own(name: str, other: str) -> None:
+    told = f"metrics have the name '{name}', which each .*; give it another one, such as {other}$"
+    with pytest.raises(DescriptionError, match=told):
+        check_measures([name], "metrics")
+    check_measures([other, "way_mm", "mean error"], "metrics")
 
 
 def test_lists_make_an_interface_and_what_is_no_part_of_one_is_named() -> None:

@@ -2,11 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
+import torch
+from tensordict import TensorDict
 
 from brickhub.finding import Outcome
+from bricksrl.envs.env_checker import Broken, Skip
+from bricksrl.evaluation import agent_checker
 from bricksrl.evaluation.agent_checker import check_agent, is_agent
 
 OWN = """
@@ -128,3 +136,165 @@ def test_agent_file_differs_from_task_file(tmp_path: Path) -> None:
             ),
         )
     )
+
+
+@dataclass(frozen=True)
+class Plain:
+    rate: float = 1.0
+    hidden: tuple[int, ...] = (8, 4)
+
+
+@dataclass(frozen=True)
+class Without:
+    rate: float
+    units: int
+    word: str = ""
+
+
+@dataclass
+class Changeable:
+    rate: float = 1.0
+
+
+def checked(**algorithm: Any) -> Any:
+    """Checks of an algorithm that nobody has built."""
+    return agent_checker._Checked(SimpleNamespace(name="own", **algorithm))
+
+
+@pytest.mark.parametrize(
+    ("settings", "says"),
+    [
+        (Changeable, "Changeable can be changed; write @dataclass"),
+        (Without, "rate, units has no default; give it one"),
+    ],
+)
+def test_settings_are_frozen_and_have_defaults(settings: type, says: str) -> None:
+    with pytest.raises(Broken, match=says):
+        checked(settings=settings).settings()
+
+
+@pytest.mark.parametrize(
+    ("read", "given", "says"),
+    [
+        (Plain(), Plain(), None),
+        (Plain(rate=2.0), Plain(), "written down and read again are others"),
+        (Plain(), Plain(hidden=(8,)), "given as --set NAME=VALUE are others"),
+    ],
+)
+def test_settings_come_back_from_a_file_and_from_texts(
+    monkeypatch: pytest.MonkeyPatch, read: Plain, given: Plain, says: str | None
+) -> None:
+    asked: list[Any] = []
+    monkeypatch.setattr(agent_checker, "preset", lambda *_: Plain())
+    monkeypatch.setattr(agent_checker, "settings_from", lambda *about: asked.append(about) or read)
+    monkeypatch.setattr(agent_checker, "with_changes", lambda *about: asked.append(about) or given)
+    check = checked(settings=Plain).settings
+    if says is not None:
+        with pytest.raises(Broken, match=says):
+            check()
+        return
+    assert check() == "2 settings, which can be written down and read"
+    assert asked == [
+        ("own", {"rate": 1.0, "hidden": [8, 4]}),
+        (Plain(), ["rate=1.0", "hidden=8,4"]),
+    ]
+
+
+def learner(**parts: Any) -> Any:
+    usual = {
+        "policy": SimpleNamespace(in_keys=["observation"]),
+        "reset_policy": lambda: None,
+        "needs_dataset": False,
+        "updates_per_step": 1.0,
+        "updates": 3,
+        "remember": lambda _frames: None,
+        "state_dict": dict,
+        "load_state_dict": lambda _state: None,
+    }
+    return SimpleNamespace(**usual | parts)
+
+
+@pytest.fixture
+def stage(monkeypatch: pytest.MonkeyPatch) -> Callable[[Any], None]:
+    """Let checks make a learner, and an environment with actions of two numbers."""
+    state = TensorDict({"observation": torch.zeros(3)})
+    env = SimpleNamespace(reset=lambda: state, action_spec=SimpleNamespace(shape=torch.Size([2])))
+    monkeypatch.setattr(agent_checker, "make", lambda *_, **__: env)
+    monkeypatch.setattr(agent_checker, "_frames", lambda *_: None)
+    return lambda made: monkeypatch.setattr(agent_checker, "make_learner", lambda *_: made)
+
+
+@pytest.mark.parametrize(
+    ("explored", "exploited", "says"),
+    [
+        ([1.0, -1.0], [0.5, 1.0], None),
+        ([0.0], [0.0, 0.0], r"an action has the shape \[1\]; give \[2\]"),
+        ([0.0, 0.0], [0.0, 0.0, 0.0], r"an action has the shape \[3\]; give \[2\]"),
+        ([0.0, -1.01], [0.0, 0.0], "numbers in -1..1"),
+        ([0.0, 0.0], [1.5, 0.0], "numbers in -1..1"),
+        ([0.0, float("nan")], [0.0, 0.0], "numbers in -1..1"),
+    ],
+)
+def test_an_agent_acts_within_the_range_exploring_and_not(
+    stage: Callable[[Any], None], explored: list[float], exploited: list[float], says: str | None
+) -> None:
+    stage(None)
+    one = checked()
+    one.learner = learner(
+        explore=lambda _: {"action": torch.tensor(explored)},
+        exploit=lambda _: {"action": torch.tensor(exploited)},
+    )
+    if says is None:
+        assert one.acting() == "actions of 2 numbers in -1..1, exploring and not"
+        return
+    with pytest.raises(Broken, match=says):
+        one.acting()
+
+
+@pytest.mark.parametrize(
+    ("parts", "says"),
+    [
+        ({"learn": lambda _: {"loss": torch.tensor(1.0)}}, None),
+        ({"learn": lambda _: {}}, "what it learns from 3 copies is nothing"),
+        (
+            {"learn": lambda _: {"a": torch.tensor(1.0), "loss": torch.tensor(float("nan"))}},
+            "what it learns from 3 copies is .*nan",
+        ),
+        ({"needs_dataset": True}, "does not learn from a robot"),
+        ({"updates_per_step": 0.0}, "does not learn from a robot"),
+    ],
+)
+def test_an_agent_learns_from_copies_side_by_side(
+    stage: Callable[[Any], None], parts: dict[str, Any], says: str | None
+) -> None:
+    stage(learner(**parts))
+    if says is None:
+        assert checked().copies() == "3 updates from 3 copies side by side"
+        return
+    with pytest.raises(Broken if "learn" in parts else Skip, match=says):
+        checked().copies()
+
+
+@pytest.mark.parametrize("restored", [[0.25, 0.5], [0.25, 0.25]])
+def test_a_saved_agent_acts_as_before(stage: Callable[[Any], None], restored: list[float]) -> None:
+    action = torch.tensor([0.25, 0.5])
+    stage(learner(exploit=lambda _: {"action": torch.tensor(restored)}))
+    one = checked()
+    one.learner = learner(exploit=lambda _: {"action": action})
+    if restored == action.tolist():
+        assert one.saving().endswith(" bytes, and the same actions from them")
+        return
+    with pytest.raises(Broken, match="a learner that is saved and restored acts otherwise"):
+        one.saving()
+
+
+def test_checks_are_left_out_where_there_is_nothing_to_check() -> None:
+    one = checked()
+    for check in (one.acting, one.memory, one.learning, one.saving):
+        with pytest.raises(Skip, match="there is no learner"):
+            check()
+    one.learner = learner()
+    with pytest.raises(Skip, match="it remembers nothing"):
+        one.memory()
+    with pytest.raises(Skip, match="it learns nothing"):
+        one.learning()

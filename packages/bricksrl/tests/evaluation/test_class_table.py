@@ -113,3 +113,22 @@ def test_printed_table_has_an_interval_where_there_is_one(
     lines = {line.split()[0]: line for line in capsys.readouterr().out.splitlines() if line}
     assert "1.5 to 2.5" in lines["Anna"] and " to " not in lines["Ben"]
     assert "*" in lines["Ben"] and "*" not in lines["Anna"]
+
+
+def test_a_star_is_explained_only_where_one_is_shown(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "200")
+    pupil(tmp_path, "[red]Anna", 3, [1.0, 2.0])
+    table = class_table(tmp_path)
+    (anna,) = table.rows
+    for is_evaluated in (True, False):
+        row = replace(anna, is_evaluated=is_evaluated, score=2.5, interval=None, differs=("a", "b"))
+        print_class(replace(table, rows=(row,), sentences=("These may be [b]compared.",)))
+        lines = capsys.readouterr().out.splitlines()
+        cells = lines[1].split()
+        assert cells[0] == "[red]Anna"
+        score = "2.5" if is_evaluated else "2.5*"
+        assert cells[3:] == ["3", str(anna.episodes), score, "a;", "b", anna.folder]
+        assert lines[-1] == "These may be [b]compared."
+        assert ("* not evaluated: mean of the last" in "\n".join(lines)) is not is_evaluated

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Annotated, Any
 
 import pytest
 import torch
@@ -12,6 +14,7 @@ import torch
 from brickhub.files import only_writer
 from bricksrl.agents import preset
 from bricksrl.agents.replay.replay_learner import ReplayLearner
+from bricksrl.agents.settings import Range, Settings
 from bricksrl.errors import RunError, UnknownNameError
 from bricksrl.evaluation import tuning
 from bricksrl.evaluation.settings_text import read_settings
@@ -148,3 +151,63 @@ def test_tuning_resumes_after_unfinished_trials(
     assert tune(about, tmp_path, 3, on_trial=lambda *trial: told.append(trial)).trials == 2
     assert told == [(2, None, None), (3, -2.0, -2.0), (4, -1.0, -1.0)]
     assert json.loads((tmp_path / BEST).read_text())["provenance"]["trial"] == 4
+
+
+@dataclass(frozen=True)
+class Own(Settings):
+    """Settings of an algorithm of a user."""
+
+    rate: float = 0.5
+    share: Annotated[float, Range(0.0, 1.0)] = 0.4
+    most: Annotated[float, Range(0.3, 9.0)] = 2.0
+    none: float = 0.0
+    debt: float = -2.0
+    count: int = 3
+    word: str = "so"
+
+
+def test_floats_of_a_user_are_tuned_a_decade_to_both_sides_within_their_range() -> None:
+    space = tuning._space(Own(), goals=True)
+    own = {name: limits for name, limits in space.items() if name not in vars(Settings())}
+    assert own == {
+        "rate": (pytest.approx(0.05), 5.0, True),
+        "share": (pytest.approx(0.04), 1.0, True),
+        "most": (0.3, 9.0, True),
+        "none": (0.0, 1.0, False),
+        "debt": (-20.0, -0.2, False),
+    }
+    ours = tuning._space(preset("default", "sac"), goals=True)
+    assert not {"buffer_size", "critic_loss", "reset_every"} & ours.keys()
+    assert ours.keys() - tuning._space(preset("default", "sac"), goals=False).keys() == {
+        "hindsight",
+        "new_goals",
+    }
+
+
+@pytest.mark.parametrize(
+    ("changes", "proposed"),
+    [
+        ({"hidden": (64, 64)}, {"hidden": "64,64"}),
+        ({"hidden": (64,)}, None),
+        ({"gamma": 0.9}, {"gamma": 0.9}),
+        ({"gamma": 0.995}, {"gamma": 0.995}),
+        ({"gamma": 0.5}, None),
+        ({"gamma": 1.0}, None),
+        ({"n_step": 3}, {"n_step": 3}),
+        ({"n_step": 2}, None),
+    ],
+)
+def test_settings_are_proposed_as_far_as_they_are_searched(
+    changes: dict[str, Any], proposed: dict[str, Any] | None
+) -> None:
+    start = preset("default", "sac")
+    settings = replace(start, **changes)
+    usual = tuning._as_proposed(start, goals=False)
+    (name,) = changes
+    usual.pop(name, None)
+    assert tuning._as_proposed(settings, goals=False) == usual | (proposed or {})
+    if proposed is not None:
+        space = tuning._space(start, goals=False)
+        rest = {key: limits[0] for key, limits in space.items() if key not in proposed}
+        made = tuning.propose(optuna.trial.FixedTrial(rest | proposed), start, goals=False)
+        assert {name: getattr(made, name)} == changes

@@ -57,6 +57,50 @@ def test_slider_turns_one_leg() -> None:
     assert np.allclose(places(shown), before, atol=2e-4)
 
 
+def test_parts_that_touch_stay_together_when_a_leg_turns() -> None:
+    shown = view("walker")
+    before = places(shown)[:, :3].copy()
+    apart_m = np.linalg.norm(before[:, None] - before, axis=-1)
+    touching = np.argwhere(np.triu(apart_m < 0.009, 1))
+    assert len(touching) > 10
+    name = next(one["name"] for one in shown.board.status[1]["sliders"] if "port C" in one["name"])
+    for angle_deg in (90, -60):
+        shown.press("slider", [name, angle_deg])
+        after = places(shown)[:, :3]
+        now_m = np.linalg.norm(after[touching[:, 0]] - after[touching[:, 1]], axis=1)
+        assert now_m.max() < 0.02
+        assert np.abs(after - before).max() > 0.01
+
+
+def test_sliders_are_held_within_their_ends_and_steps_begin_again() -> None:
+    shown = view("two_wheeler")
+
+    def sliders() -> dict[str, dict[str, object]]:
+        return {one["name"]: one for one in shown.board.status[1]["sliders"]}
+
+    def facts() -> dict[str, object]:
+        return shown.board.status[1]["facts"]
+
+    last = sliders()["Step"]
+    assert (last["low"], last["high"], last["value"], last["text"]) == (1, 11, 11, "11")
+    whole = facts()["parts"]
+    assert whole == len(places(shown))
+    for number, value in ((0, 1), (3.4, 3), (99, 11)):
+        shown.press("slider", ["Step", number])
+        assert sliders()["Step"]["value"] == value
+        assert facts()["parts"] == np.isfinite(places(shown)[:, 0]).sum()
+    shown.press("step", None)
+    assert sliders()["Step"]["value"] == 1 and facts()["step"] == "1 of 11"
+    motor = next(name for name in sliders() if "port" in name)
+    most = sliders()[motor]["high"]
+    assert isinstance(most, float | int) and sliders()[motor]["low"] == -most
+    for degrees, value in ((30, 30), (1e9, most), (-1e9, -most)):
+        shown.press("slider", [motor, degrees])
+        assert sliders()[motor]["value"] == value
+    shown.press("reset", None)
+    assert sliders()[motor]["value"] == 0 and sliders()["Step"]["value"] == 11
+
+
 @pytest.mark.parametrize(
     "press",
     [

@@ -126,3 +126,38 @@ def test_pace_keeps_to_the_speed_and_makes_up_for_nothing(monkeypatch: pytest.Mo
     speed[0] = 1.0
     pace.keep(9100)
     assert len(waited_s) == 1, "as fast as possible, and no wait after a stop"
+
+
+def test_a_view_is_updated_at_its_rate_and_a_halt_ends_the_wait_of_the_hub(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    now_s, updates, loops, halts = [100.0], [], [], []
+    monkeypatch.setattr(robot_view.time, "monotonic", lambda: now_s[0])
+    halted, machine = threading.Event(), Machine(make_body(TWO_WHEELER))
+    paces = [
+        SteeredPace(
+            machine,
+            halted,
+            lambda: 0.0,
+            lambda: updates.append(now_s[0]),
+            on_loop=lambda: loops.append(now_s[0]),
+            halt=halt,
+        )
+        for halt in (None, lambda: halts.append(now_s[0]))
+    ]
+    period_s = robot_view.VIEW_PERIOD_S
+    times_s = [100.0 + share * period_s for share in (0.0, 0.5, 1.01, 1.5, 2.5)]
+    for now_s[0] in times_s:
+        paces[0].keep(1000)
+    assert updates == [times_s[0], times_s[2], times_s[4]] and loops == times_s
+    machine.alarm_ms = 5000
+    paces[0].keep(1234)
+    assert machine.alarm_ms == 5000
+    halted.set()
+    paces[0].keep(1234.5)
+    assert machine.alarm_ms == 1234, "control returns to the host at once"
+    paces[1].keep(2000)
+    assert halts == [times_s[-1]] and machine.alarm_ms == 1234
+    machine.alarm_ms = None
+    paces[0].keep(3000)
+    assert machine.alarm_ms is None, "nobody waits for it"

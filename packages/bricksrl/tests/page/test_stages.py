@@ -163,6 +163,26 @@ def test_deaf_jobs_end_together(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     assert not any(job.is_running for job in page._jobs) and time.monotonic() - start_s < 1.9
 
 
+def test_all_jobs_are_asked_to_end_before_one_is_waited_for(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    done = []
+
+    class Ending:
+        def __init__(self, number: int) -> None:
+            self.number = number
+
+        def ask_to_end(self) -> None:
+            done.append((self.number, "asked"))
+
+        def end_by(self, deadline_s: float) -> None:
+            done.append((self.number, deadline_s))
+
+    monkeypatch.setattr(start_page.time, "monotonic", lambda: 100.0)
+    start_page.end_jobs([Ending(1), Ending(2)], 3.0)  # type: ignore[list-item]
+    assert done == [(1, "asked"), (2, "asked"), (1, 103.0), (2, 103.0)]
+
+
 def test_what_a_job_leaves_ends_with_it(tmp_path: Path) -> None:
     """A process of its group that is frozen hears of no end."""
     script = (

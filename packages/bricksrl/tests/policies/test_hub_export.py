@@ -68,6 +68,23 @@ def test_a_network_acts_on_the_hub_as_here() -> None:
     assert torch.allclose(acted(network.hub_source(), OBSERVED), here, atol=2e-4)
 
 
+def test_a_network_on_the_hub_sees_angles_as_directions_and_lengths_in_their_range() -> None:
+    torch.manual_seed(0)
+    angles = [Entry("left", 0.0, 360.0, "deg", wraps=True), Entry("right", wraps=True)]
+    network = HubNetwork([angles[0], Entry("way", -50.0, 150.0, "mm"), angles[1]], 2)
+    # The way; sine and cosine of each angle and of their difference.
+    assert network.layers[0].in_features == 1 + 2 * 3
+    features = list[torch.Tensor]()
+    network.layers[0].register_forward_pre_hook(lambda _, inputs: features.append(inputs[0]))
+    with torch.no_grad():
+        acted_on = network(torch.tensor([[30.0, 100.0, 270.0], [390.0, 100.0, -90.0]]))
+    assert torch.allclose(acted_on[0], acted_on[1], atol=1e-5), "a whole turn changes nothing"
+    radians = [math.radians(degrees) for degrees in (30.0, 270.0, -240.0)]
+    wanted = [0.5, *map(math.sin, radians), *map(math.cos, radians)]
+    assert features[0][0].tolist() == pytest.approx(wanted, abs=1e-5)
+    assert network(torch.full((4, 3), 1e4)).abs().max() <= 1.0
+
+
 def test_a_network_on_the_hub_is_held_within_what_it_was_taught_on() -> None:
     """As a simulation's distance is always 0, and a hub's on an open floor 2000."""
     torch.manual_seed(0)

@@ -93,6 +93,37 @@ def test_numbers_without_a_bound_are_drawn_near_zero() -> None:
     assert (drawn.std(0) > 0.1).all()
 
 
+class Counting:
+    """Acts by what it observes, and, where it has a memory, by how often it has acted."""
+
+    def __init__(self, growth: float, *, forgets: bool) -> None:
+        self.growth, self.forgets, self.count = growth, forgets, 0
+
+    def reset(self) -> None:
+        self.count = 0 if self.forgets else self.count
+
+    def __call__(self, observation: torch.Tensor) -> torch.Tensor:
+        self.count += 1
+        return observation + self.growth * self.count
+
+
+@pytest.mark.parametrize(
+    ("growth", "forgets", "is_function"),
+    [(0.0, False, True), (0.5, True, True), (0.5, False, False)],
+)
+def test_a_policy_is_exported_if_it_acts_alike_after_it_was_reset(
+    growth: float, forgets: bool, is_function: bool
+) -> None:
+    policy = Counting(growth, forgets=forgets)
+    inputs = (torch.arange(6.0).view(3, 2),)
+    if is_function:
+        best = export._best(policy, policy, inputs)  # type: ignore[arg-type]
+        assert torch.equal(best, inputs[0] + growth)
+        return
+    with pytest.raises(RunError, match="depends on more than what it observes"):
+        export._best(policy, policy, inputs)  # type: ignore[arg-type]
+
+
 def test_existing_file_is_not_overwritten(trained: Path, tmp_path: Path) -> None:
     (tmp_path / "arm.pt2").write_text("mine")
     with pytest.raises(RunError, match="exists already; choose another name"):

@@ -20,6 +20,7 @@ from bricksrl.teleoperation import (
     Paced,
     PygamePad,
     at_rest,
+    legend,
     pushed,
 )
 
@@ -36,6 +37,15 @@ def test_released_controls_do_not_move() -> None:
     assert pushed([1.0] * 4, rest) == [1.0] * 4
     assert pushed([-1.0] * 4, rest) == [-1.0] * 4
     assert pushed([-0.5, 0.5, 9.0, 0.0], rest) == [0.0, 0.5, 1.0, -1.0]
+
+
+def test_each_command_has_a_key_to_raise_and_one_below_to_lower_it() -> None:
+    assert legend([LEG, ARM]) == [
+        "q / a    leg up / down",
+        "w / s    arm up / down",
+        "space    take over, or give back",
+        "Ctrl-C   end",
+    ]
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="pseudo-terminals are of POSIX")

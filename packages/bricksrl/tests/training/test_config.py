@@ -14,8 +14,10 @@ import bricksrl
 from brickhub.seed import LARGEST_SEED
 from bricksrl.agents import AGENTS, preset
 from bricksrl.agents.sac import SACSettings
+from bricksrl.envs import get_task
 from bricksrl.errors import DescriptionError, RunError
 from bricksrl.training import TrainConfig
+from bricksrl.training.config import settings_for
 from bricktwin.twin.physics import Physics, write_physics
 
 
@@ -207,3 +209,38 @@ def test_agent_without_the_setting_cannot_normalize() -> None:
         TrainConfig("RunAway-v0", "random", normalize=True)
     assert TrainConfig("RunAway-v0", normalize=True).settings.normalize
     assert not TrainConfig("RunAway-v0").settings.normalize
+
+
+def test_settings_of_an_environment_are_those_of_its_images_and_its_task() -> None:
+    usual, images = preset("default", "sac"), preset("default", "sac", images=True)
+    assert usual != images
+    assert settings_for("RunAway-v0", "default", "sac") == replace(
+        usual, **get_task("RunAway-v0").settings
+    )
+    task = get_task("RoboArm_mixed-v0")
+    of_task = {name: value for name, value in task.settings.items() if name in vars(images)}
+    assert settings_for(task.id, "default", "sac") == replace(images, **of_task)
+    assert settings_for(task.id, "paper", "sac") == preset("paper", "sac")
+    assert settings_for("Nowhere-v0", "default", "sac") == usual
+
+
+@pytest.mark.parametrize(
+    ("given", "says"),
+    [
+        ({"gamma": 0.5}, None),
+        ({"trial_steps": 3}, None),
+        ({"gama": 0.5}, "gama"),
+        ({"gamma": 2.0}, "gamma is 2.0; give"),
+    ],
+)
+def test_settings_of_a_task_are_those_of_some_agent(
+    given: dict[str, Any], says: str | None
+) -> None:
+    bricksrl.register(replace(get_task("RunAway-v0"), id="Set-v0", settings=given))
+    if says is None:
+        settings = settings_for("Set-v0", "default", "sac")
+        assert settings.gamma == given.get("gamma", preset("default", "sac").gamma)
+        return
+    with pytest.raises(DescriptionError, match=says):
+        settings_for("Set-v0", "default", "sac")
+    assert settings_for("Set-v0", "paper", "sac") == preset("paper", "sac")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import re
 from dataclasses import replace
@@ -17,7 +18,7 @@ from brickhub.hub.interface import Command, DriveStraight, DriveTurnRate, Pitch,
 from brickhub.hub.link.profiles import PROFILES
 from brickhub.robot import Mount, PoweredUpSensor, SensorKind
 from brickhub.virtual.stimuli import Sense
-from bricksrl.envs.arenas import get_arena_task, make_arena
+from bricksrl.envs.arenas import arena_env, get_arena_task, make_arena
 from bricksrl.envs.arenas.arena_task import ArenaState, seen_from, steer_towards
 from bricksrl.envs.arenas.tag import TAG
 from bricksrl.errors import (
@@ -294,6 +295,87 @@ def test_simulation_matches_arena() -> None:
     assert torch.allclose(*ends, atol=0.08)
 
 
+WAYS_M = [math.radians(degrees) * 0.028 for degrees in (150.0, 112.0)]
+"""Ways of catcher and runner in a step at full speed, with wheels of 56 mm."""
+
+
+def exact(monkeypatch: pytest.MonkeyPatch, copies: int, lag: float = 0.0) -> Any:
+    """Simulated copies of Tag-v0 without noise, with both robots in the middle."""
+    monkeypatch.setattr(arena_env, "NOISE", 0.0)
+    monkeypatch.setattr(arena_env, "LAG", (lag, lag))
+    env = make_arena("Tag-v0", seed=1, batch_size=copies)
+    env.reset()
+    env._state.poses.zero_()
+    return env
+
+
+def driven(env: Any, catcher: list[float], runner: list[float]) -> torch.Tensor:
+    """Poses of the first copy after a step."""
+    copies = env.batch_size[0]
+    frame = TensorDict({}, [copies])
+    for group, wheels in (("catcher", catcher), ("runner", runner)):
+        frame[group] = TensorDict({"action": torch.tensor(wheels).expand(copies, 1, 2)}, [copies])
+    env.step(frame)
+    return env._state.poses[0]
+
+
+def test_simulated_robots_drive_along_the_chords_of_arcs(monkeypatch: pytest.MonkeyPatch) -> None:
+    env = exact(monkeypatch, 1)
+    track_m = TWO_WHEELER.drive_base.axle_track_mm / 1000
+    catcher, runner = driven(env, [1.0, 1.0], [-0.5, 0.5])
+    assert catcher.tolist() == pytest.approx([WAYS_M[0], 0.0, 0.0])
+    assert runner.tolist() == pytest.approx([0.0, 0.0, WAYS_M[1] / track_m])
+    turn = 0.5 * WAYS_M[0] / track_m
+    catcher, _ = driven(env, [0.5, 1.0], [0.0, 0.0])
+    way_m = 0.75 * WAYS_M[0]
+    wanted = [WAYS_M[0] + way_m * math.cos(turn / 2), way_m * math.sin(turn / 2), turn]
+    assert catcher.tolist() == pytest.approx(wanted)
+
+
+def test_simulated_robots_slide_along_the_walls(monkeypatch: pytest.MonkeyPatch) -> None:
+    env = exact(monkeypatch, 1)
+    most_m = 0.8 - arena_env.MARGIN_M
+    env._state.poses[0] = torch.tensor([(0.72, 0.0, math.pi / 4), (0.1, -0.72, -math.pi / 2)])
+    catcher, runner = driven(env, [1.0, 1.0], [1.0, 1.0])
+    assert catcher[:2].tolist() == pytest.approx([most_m, WAYS_M[0] / math.sqrt(2)])
+    assert runner[:2].tolist() == pytest.approx([0.1, -most_m])
+    catcher, runner = driven(env, [-1.0, -1.0], [-1.0, -1.0])
+    assert catcher[0] < most_m and runner[1] > -most_m
+
+
+def test_simulated_motors_carry_out_a_part_of_a_command_later(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    env = exact(monkeypatch, 2, lag=0.25)
+    ways_m = [driven(env, [share, share], [0.0, 0.0])[0, 0].item() for share in (1.0, 0.0, 0.0)]
+    assert ways_m == pytest.approx([0.75 * WAYS_M[0], WAYS_M[0], WAYS_M[0]])
+    driven(env, [1.0, 1.0], [-1.0, -1.0])
+    assert env._state.moved[0].tolist() == [[0.75, 0.75], [-0.75, -0.75]]
+    ended = torch.tensor([[True], [False]])
+    before = env._state.poses.clone()
+    env.reset(TensorDict({"_reset": ended}, [2]))
+    assert torch.equal(env._state.poses[1], before[1]), "only what has ended begins anew"
+    assert not torch.equal(env._state.poses[0], before[0])
+    assert env._state.moved[:, 0].tolist() == [[0.0, 0.0], [0.75, 0.75]]
+    start = env._state.poses.clone()
+    driven(env, [0.0, 0.0], [0.0, 0.0])
+    moved = (env._state.poses - start)[:, 0, :2].norm(dim=-1)
+    assert moved.tolist() == pytest.approx([0.0, 0.25 * WAYS_M[0]], abs=1e-6)
+
+
+def test_lags_and_noise_differ_from_copy_to_copy() -> None:
+    env = make_arena("Tag-v0", seed=1, batch_size=2000)
+    state = env.reset()
+    low, high = arena_env.LAG
+    lags = env._lag.flatten()
+    assert low <= lags.min() < low + 0.01 and high - 0.01 < lags.max() <= high
+    for group in ("catcher", "runner"):
+        state[group, "action"] = torch.zeros(2000, 1, 2)
+    env.step(state)
+    assert env._state.moved.std().item() == pytest.approx(arena_env.NOISE, rel=0.05)
+    assert env._state.moved.mean().abs() < 0.002
+
+
 def test_invalid_arguments_raise() -> None:
     with pytest.raises(UnknownNameError, match="no arena 'Chess-v0'"):
         make_arena("Chess-v0")
@@ -425,6 +507,17 @@ def test_arena_commands_the_left_and_the_right_wheel(commands: tuple[Command, ..
             "opponents names 'runer', which is no group .did you mean 'runner'",
         ),
         ({"opponents": {"runner": "fly"}}, "there is no script 'fly'; choose random, flee, chase"),
+        ({"opponents": {"runner": "flee,fly"}}, "there is no script 'fly'"),
+        ({"id": "Tag"}, "'Tag' is not an id for a task; take a name and a version"),
+        ({"interfaces": TAG.interfaces[:1]}, "Tag-v0 has 2 robots and 1 interfaces; give one each"),
+        ({"interfaces": TAG.interfaces * 2}, "Tag-v0 has 2 robots and 4 interfaces; give one each"),
+        ({"groups": {"all": ("runner",)}}, "each of .*runner.* belongs to one group; name it"),
+        (
+            {"groups": {**TAG.groups, "all": ("runner",)}},
+            "each of .*runner.* belongs to one group; name it",
+        ),
+        ({"groups": {"all": ("runner", "catchr")}}, "each of .*catcher.* belongs to one group"),
+        ({"told": -1}, "told is -1; give a whole number from 0 to 6"),
     ],
 )
 def test_task_with_unfitting_parts_is_refused(wrong: dict[str, Any], told: str) -> None:

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from bricksrl.envs.abilities import balancing
-from bricksrl.envs.arenas import carry, tag
+from bricksrl.envs.arenas import carry, guide, tag
 from bricksrl.envs.arenas.arena_task import ArenaState, own_pose, seen_from, steer_towards
 
 Pose = tuple[float, float, float]
@@ -115,6 +115,54 @@ def test_a_robot_before_the_beam_s_half_waits_for_its_mate() -> None:
     assert turned[0].max() < 0.6 and turned[1].max() == pytest.approx(1.0)
     turned = pushed(0.1)
     assert turned[1].max() < 0.6 and turned[0].max() == pytest.approx(1.0)
+
+
+def guided(
+    x: float, y: float, heading: float, *, gate: float | None = None, heard: Pose = (0.0, 0.0, 0.0)
+) -> list[float]:
+    """Action of a robot at a place, which sees a gate or has heard two numbers."""
+    sees = (0.0, 0.0) if gate is None else (1.0, gate)
+    row = [x, y, math.cos(heading), math.sin(heading), *sees, *heard[:2], 0.3, 0.3]
+    action: list[float] = guide.follow(torch.tensor(row)).tolist()
+    return action
+
+
+def test_who_sees_the_gate_tells_and_who_has_heard_drives() -> None:
+    heard = (0.5, 1.0, 0.0)  # 25 cm to the left of the line's middle
+    assert guided(0.1, 0.2, 0.3, gate=0.25, heard=heard) == [0.0, 0.0, 0.5, 1.0]
+    assert guided(0.1, 0.2, 0.3, gate=-0.5) == [0.0, 0.0, -1.0, 1.0]
+    for nothing in ((0.5, 0.0, 0.0), (0.5, 0.5, 0.0)):
+        assert guided(0.1, 0.2, 0.3, heard=nothing) == [0.0] * 4
+    assert guided(0.0, 0.25, 0.0, heard=heard) == pytest.approx([1.0, 1.0, 0.0, 0.0])
+    # It aims 10 cm beyond the line, which is at 40 cm.
+    assert guided(0.5, 0.0, 0.0, heard=heard) == pytest.approx([-0.6, 0.6, 0.0, 0.0], abs=1e-5)
+    assert guided(0.5, 0.0, math.pi / 2, heard=heard)[:2] == pytest.approx([1.0, 1.0])
+    assert guided(0.5, 0.5, 0.0, heard=heard)[:2] == pytest.approx([0.6, -0.6], abs=1e-5)
+    diagonal = guided(0.25, 0.0, math.pi / 4, heard=heard)[:2]
+    assert diagonal == pytest.approx([1.0, 1.0], abs=1e-5)
+
+
+def pushed(y: float, heading: float, turn: float = 0.0) -> list[float]:
+    """Action of the first robot, at this place behind a beam with a turn."""
+    poses = state((0.0, y, heading), (0.0, -0.2, 0.0), (0.2, 0.0, turn))
+    action: list[float] = carry.push(carry.observe(poses).float())[0].tolist()
+    return action
+
+
+def test_a_robot_pushes_along_x_and_keeps_to_its_half_of_the_beam() -> None:
+    assert pushed(0.2, 0.0) == pytest.approx([1.0, 1.0])
+    assert pushed(0.2, math.pi / 2) == pytest.approx([0.6, -0.6], abs=1e-5)
+    for y, left in ((0.1, 0.2), (0.35, -0.3), (0.9, -0.6)):
+        steered = steer_towards(torch.tensor(1.0), torch.tensor(left)).tolist()
+        assert pushed(y, 0.0) == pytest.approx(steered, abs=1e-5)
+    # Turned towards where it steers, it drives straight on.
+    assert pushed(0.1, math.atan(0.2)) == pytest.approx([1.0, 1.0], abs=1e-5)
+    for heading in (0.0, 0.4):
+        whole = pushed(0.2, heading)
+        slower = [(1 - 6 * math.sin(0.05)) * share for share in whole]
+        assert pushed(0.2, heading, -0.05) == pytest.approx(slower, abs=1e-5)
+        assert pushed(0.2, heading, -0.5) == pytest.approx([0.1 * share for share in whole])
+        assert pushed(0.2, heading, 0.5) == pytest.approx(whole, abs=1e-5)
 
 
 def test_balance_is_lost_beyond_its_limit_and_best_at_the_start() -> None:

@@ -14,6 +14,7 @@ import bricksrl
 from bricksrl.envs import get_task
 from bricksrl.envs.vision.camera import VideoCamera
 from bricksrl.envs.vision.color_calibration import (
+    FoundRed,
     calibrate_red,
     picture,
     read_red,
@@ -110,6 +111,21 @@ def test_calibration_picture_marks_object_and_mask() -> None:
     assert ((shown[:, :120] == (0, 255, 0)).all(-1)).sum() > 60
     assert np.array_equal(shown[40, 120 + 60], frame[40, 60])
     assert (shown[5, 125] == 30).all()
+
+
+def test_what_the_window_leaves_out_is_dimmed_and_its_limits_are_in_it() -> None:
+    window = RedWindow((0.0, 30.0), 0.6, 0.4)
+    # By hue, saturation and value: within, at each limit, and beyond each.
+    kept = [(255, 60, 0), (255, 0, 0), (200, 100, 0), (255, 102, 102), (102, 0, 0)]
+    left_out = [(255, 0, 30), (200, 120, 0), (255, 110, 110), (95, 0, 0), (0, 255, 0), (0, 0, 0)]
+    frame = np.array([[*kept, *left_out]], np.uint8)
+    mask = np.zeros(frame.shape[:2], bool)
+    mask[0, 0] = True
+    shown = picture(frame, FoundRed(window, mask))
+    outlined, dimmed = shown[:, : len(mask[0])], shown[:, len(mask[0]) :]
+    assert outlined[0, :4].tolist() == [[255, 60, 0], [0, 255, 0], [0, 255, 0], [255, 102, 102]]
+    assert dimmed[0, :5].tolist() == [list(color) for color in kept]
+    assert dimmed[0, 5:].tolist() == [[part // 5 for part in color] for color in left_out]
 
 
 def test_windows_are_saved_and_joined(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

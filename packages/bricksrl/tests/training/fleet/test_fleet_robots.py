@@ -119,3 +119,22 @@ def test_real_robots_are_named_by_hub(tmp_path: Path) -> None:
         make_fleet(replace(named, hub="ble:A,tin:B"))
     with pytest.raises(RunError, match="num_envs"):
         make_fleet(replace(named, env="WalkerSim-v0"))
+
+
+def test_a_robot_that_was_placed_is_told_and_one_that_was_not_ends_the_run(tmp_path: Path) -> None:
+    placed: list[object] = []
+    fleet: Any = make_fleet(config(tmp_path / "run"), placed.append)
+    member, sent = fleet.members[0], []
+    member.process = SimpleNamespace(send=lambda *told: sent.append(told))
+    fleet._place_robot(member)
+    assert len(placed) == 1 and sent == [("placed", None)] and fleet.events.empty()
+    error = KeyboardInterrupt()
+
+    def refuse(_rng: object) -> None:
+        raise error
+
+    fleet._place = refuse
+    fleet._place_robot(member)
+    assert sent == [("placed", None)]
+    assert fleet.events.get_nowait() == (member, "unplaced", error)
+    assert not fleet._placing.locked(), "the next one can be placed"

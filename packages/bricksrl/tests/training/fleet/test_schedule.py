@@ -15,6 +15,7 @@ from test_fleet import config
 from bricksrl.data import About
 from bricksrl.errors import HubError, RunError
 from bricksrl.training import Callback, Phase, RobotState
+from bricksrl.training.fleet import schedule
 from bricksrl.training.fleet.fleet_robots import Member
 from bricksrl.training.fleet.schedule import FleetRobots
 from bricksrl.training.loop import Loop
@@ -315,3 +316,18 @@ def test_deaths_count_from_the_last_complete_episode(tmp_path: Path) -> None:
     fleet.playing[0].length = 1
     fleet._handle((member, "ended", (True, {}, False, False)))
     assert member.deaths == 0
+
+
+def test_robots_of_a_run_are_started_once_with_the_learner_s_weights(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fleet, stub = stub_fleet(tmp_path, 2)
+    ended: list[bool] = []
+    fleet.learner = cast("Any", SimpleNamespace(end_episodes=lambda: ended.append(True)))
+    monkeypatch.setattr(schedule, "base_of", lambda _env: stub)
+    monkeypatch.setattr(schedule, "transform_state", lambda _env: "state")
+    monkeypatch.setattr(fleet, "_send_weights", lambda: stub.log.append(("weights", ())))
+    for _ in range(2):
+        fleet._start()
+    assert stub.kept == "state" and ended == [True]
+    assert stub.log == [("start", ()), ("weights", ())]
