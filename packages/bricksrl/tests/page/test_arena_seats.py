@@ -68,7 +68,7 @@ def test_who_asks_for_a_robot_drives_it_after_a_yes(
         page._handle_seat("ask:runner", None, ben)
         assert page._handle_seat("answer", answer, ada)
     assert driven(page) == {"runner": "Ben"}
-    for answer in (["tower", True], ["runner"], "runner", None):
+    for answer in (["tower", True], ["runner"], [["runner"], True], "runner", None):
         assert page._handle_seat("answer", answer, ben)
     assert driven(page) == {"runner": "Ben"}
 

@@ -101,8 +101,8 @@ class ArenaPage(LivePage):
                 driver.release()
             return True
         # A press may be anything that a browser sends.
-        is_pair = isinstance(value, list) and len(value) == 2
-        if action == "answer" and is_pair and value[0] in self.drivers:
+        is_answer = isinstance(value, list) and len(value) == 2 and isinstance(value[0], str)
+        if action == "answer" and is_answer and value[0] in self.drivers:
             asker = self.seats.answer(value[0], visitor, agrees=value[1] is True)
             if asker is not None:
                 self._let_drive(value[0], asker)
