@@ -276,9 +276,7 @@ def test_loads_are_pushed_and_marks_are_only_seen(walled: mujoco.MjSpec) -> None
 
 @pytest.mark.usefixtures("simple_models")
 def test_robots_of_an_arena_collide_with_others_but_not_with_themselves() -> None:
-    spec = arena_spec(
-        Arena(tuple(Contestant(f"r{number}", SCOUT, Place()) for number in range(3)))
-    )
+    spec = arena_spec(Arena(tuple(Contestant(f"r{number}", SCOUT, Place()) for number in range(3))))
     bits = []
     for number in range(3):
         geoms = [geom for geom in spec.geoms if geom.parent.name.startswith(f"r{number}/")]
