@@ -40,6 +40,9 @@ def test_the_floor_has_squares_of_ten_centimetres_with_fine_lines() -> None:
 def test_a_wall_has_bricks_in_staggered_courses() -> None:
     tile = mjcf._brick_tile().astype(int)
     assert tile.shape == (64, 128, 3)
+    # A point of it is a millimetre.
+    material = mjcf.new_spec("bricks", OPEN_FLOOR).material("bricks")
+    assert material.texrepeat == pytest.approx([1 / 0.128, 1 / 0.064])
     # The second course is the first one, moved by half a brick.
     assert (tile[32:] == np.roll(tile[:32], 32, axis=1)).all()
     assert not (tile[32:] == tile[:32]).all()
@@ -61,7 +64,7 @@ def shaft_with(kind: MotorKind, gear: float, friction_nm: float = 0.0) -> mujoco
     rotor = mjcf.add_rotor(
         spec, frame, motor, (0.1, 0.2, 0.3), gear=gear, train_friction_nm=friction_nm
     )
-    mjcf.add_box(rotor, (0.0, 0.0, 0.0), (100.0, 100.0, 100.0), 1.0, collides=False)
+    mjcf.add_box(rotor, (10.0, 0.0, -20.0), (100.0, 80.0, 60.0), 1.0, collides=False)
     return spec.compile()
 
 
@@ -89,8 +92,9 @@ def test_a_motor_turns_by_its_voltage_less_its_drag_and_no_more_than_its_current
     assert model.dof_frictionloss[0] == pytest.approx(motor.friction_nm * abs(gear) + 0.004)
     assert model.body("rotor_C").pos.tolist() == [0.1, 0.2, 0.3]
     assert model.joint("motor_C").axis.tolist() == [0.0, 1.0, 0.0]
-    # A box of 10 cm and a kilogram; the rotor itself is next to nothing.
-    assert model.geom_size[0].tolist() == [0.05, 0.05, 0.05]
+    # The box has half of its sizes on each side; the rotor itself is next to nothing.
+    assert model.geom_size[0].tolist() == [0.05, 0.04, 0.03]
+    assert model.geom_pos[0].tolist() == [0.01, 0.0, -0.02]
     assert model.body("rotor_C").mass[0] < 0.01
 
 
@@ -242,6 +246,19 @@ def test_each_shape_of_a_robot_touches_each_obstacle_by_the_rule_of_the_engine()
     pair = [pair.geomname2 for pair in spec.pairs].index("tyre")
     assert model.pair_friction[pair][0] == mjcf.TYRE_FRICTION
     assert model.pair_solref[pair].tolist() == mjcf.STIFF
+
+
+def test_robots_touch_floor_and_walls_but_what_only_looks_touches_nothing() -> None:
+    floor = mjcf.new_spec("floor", OPEN_FLOOR).geom("floor")
+    around = [{"contype": floor.contype, "conaffinity": floor.conaffinity}, mjcf.OBSTACLE]
+
+    def touch(one: dict[str, int], other: dict[str, int]) -> bool:
+        bits = one["contype"] & other["conaffinity"] | other["contype"] & one["conaffinity"]
+        return bool(bits)
+
+    assert all(touch(mjcf.COLLIDING, other) for other in around)
+    assert not any(touch(mjcf.LOOKS, other) for other in (*around, mjcf.COLLIDING))
+    assert not touch(*around) and not touch(mjcf.COLLIDING, mjcf.COLLIDING)
 
 
 @pytest.mark.parametrize("angle", [0.0, 0.3, math.pi / 2, -2.0])
