@@ -172,6 +172,8 @@ def test_the_wall_faces_the_robot_and_stands_on_the_floor() -> None:
     size = model.geom("wall").size
     assert wall.xpos[0] - size[0] == pytest.approx(mjcf.WALL_X_M)
     assert wall.xpos[2] - size[2] == pytest.approx(0.0) and wall.xpos[1] == 0.0
+    # Somebody at the page can move it.
+    assert model.body("wall").mocapid[0] == 0
     # Its bricks lie half a millimetre before it, upright, as wide and as high.
     (bricks,) = [geom for geom in range(model.ngeom) if not model.geom(geom).name]
     assert data.geom_xpos[bricks][0] == pytest.approx(mjcf.WALL_X_M - 0.0005)
@@ -259,6 +261,38 @@ def test_robots_touch_floor_and_walls_but_what_only_looks_touches_nothing() -> N
     assert all(touch(mjcf.COLLIDING, other) for other in around)
     assert not any(touch(mjcf.LOOKS, other) for other in (*around, mjcf.COLLIDING))
     assert not touch(*around) and not touch(mjcf.COLLIDING, mjcf.COLLIDING)
+
+
+def test_what_is_added_without_a_place_lies_upright_in_the_middle_of_its_body() -> None:
+    spec = mujoco.MjSpec()
+    frame = spec.worldbody.add_body(name="frame")
+    mjcf.add_tyre(frame, "tyre", (0.03, 0.01, 0.03))
+    mjcf.add_box(frame, (0.0, 0.0, 0.0), (10.0, 20.0, 30.0), 0.25)
+    for geom in frame.geoms:
+        assert geom.pos.tolist() == [0.0, 0.0, 0.0] and geom.quat.tolist() == [1.0, 0.0, 0.0, 0.0]
+    tyre, box = frame.geoms
+    assert tyre.size.tolist() == [0.03, 0.01, 0.03] and tyre.mass == 0.0 and box.mass == 0.25
+    turned = mjcf.quaternion((0.0, 0.0, 1.0), 0.5)
+    mjcf.add_tyre(frame, "other", (0.03, 0.01, 0.03), 0.01, (0.1, 0.2, 0.3), turned)
+    mjcf.add_box(frame, (0.0, 0.0, 0.0), (10.0, 20.0, 30.0), 0.1, turn=turned)
+    assert [geom.quat.tolist() for geom in frame.geoms[2:]] == [turned, turned]
+    assert frame.geoms[2].pos.tolist() == [0.1, 0.2, 0.3]
+    # A motor turns once for each turn of its joint, about the axis to the left.
+    mjcf.add_rotor(spec, frame, Motor("m", "A"), (0.0, 0.0, 0.0))
+    assert spec.joint("motor_A").axis.tolist() == [0.0, 1.0, 0.0]
+    assert spec.actuator("motor_A").gear[0] == 1.0
+
+
+def test_the_sun_shines_from_above_onto_what_it_follows() -> None:
+    spec = mujoco.MjSpec()
+    body = spec.worldbody.add_body(name="robot")
+    mjcf.add_light(body)
+    (sun,) = spec.lights
+    assert sun.dir[2] < 0 and sun.castshadow
+    assert sun.mode == mujoco.mjtCamLight.mjCAMLIGHT_TRACK
+    # The robot is in the middle of its beam.
+    assert np.cross(sun.pos, sun.dir) == pytest.approx([0.0, 0.0, 0.0], abs=1e-9)
+    assert sun.pos[2] > 0.5
 
 
 @pytest.mark.parametrize("angle", [0.0, 0.3, math.pi / 2, -2.0])
