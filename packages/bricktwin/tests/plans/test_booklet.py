@@ -28,7 +28,16 @@ from bricktwin.plans.booklet.instructions import (
     kind_of,
 )
 from bricktwin.plans.booklet.pages import DPI, Item, Page, Pages, modules_of
-from bricktwin.plans.booklet.picture import VIEWS, Shown, Studio, View, sprite_of
+from bricktwin.plans.booklet.picture import (
+    VIEWS,
+    Shown,
+    Studio,
+    View,
+    _look,
+    _Palette,
+    extent,
+    sprite_of,
+)
 from bricktwin.plans.booklet.sheets import write_booklet
 from bricktwin.plans.booklet.sprite import _lines
 from bricktwin.plans.building import Occupancy
@@ -499,6 +508,80 @@ def test_pages_of_sub_assemblies_say_what_is_built_and_how_often(coarse):
         assert {"7", "12", title} <= set(texts_of(figure))
         assert figure.artists[0].get_facecolor()[:3] != WHITE
         assert lies_in(boxes_of(figure)[0], PAPER, 0.1)
+
+
+def test_a_faded_part_is_paler_and_a_black_one_has_light_lines():
+    def looks(code):
+        bright, faded = (_look(code, is_bright=is_bright) for is_bright in (True, False))
+        # The last coat is that of a part's own lines.
+        return bright[:-1], faded[:-1], bright[-1], faded[-1]
+
+    for code in (4, 0, 15, 71):
+        bright, faded, line, faded_line = looks(code)
+        assert bright.min() >= 0.0 and bright.max() <= 1.0
+        # About half of each colour becomes nearly white.
+        assert np.ptp(faded, axis=0) == pytest.approx(0.48 * np.ptp(bright, axis=0))
+        assert faded.min() > 0.45 and (faded >= bright - 0.05).all()
+        assert faded_line.tolist() == [0.5] * 3
+        assert line.max() == line.min() == (0.5 if code == 0 else 0.1)
+    # Shade is seen on black too.
+    black, *_ = looks(0)
+    assert black.max() > 0.1
+
+
+def test_few_colours_are_kept_and_paper_keeps_its_own():
+    palette = _Palette((0.9, 0.8, 0.7))
+    first = palette.first_of(4, is_bright=True)
+    # After paper and two tones of lines; the same look has the same numbers.
+    assert first == 3 and palette.first_of(4, is_bright=True) == 3
+    second = palette.first_of(4, is_bright=False)
+    assert (
+        second - first
+        == len(_look(4, is_bright=True))
+        == palette.first_of(1, is_bright=True) - second
+    )
+    coats = np.zeros((3, 80), dtype=np.uint16)
+    coats[1] = np.arange(first, first + 80)
+    coats[2, :3] = (1, 2, second)
+    exact = palette.pixels(coats, 256)
+    assert exact.shape == (3, 80, 4) and (exact[..., 3] == 255).all()
+    assert exact[0, 0, :3].tolist() == [230, 204, 178]
+    tones = _look(4, is_bright=True)[:80]
+    assert np.abs(exact[1, :, :3] - 255 * tones).max() <= 0.5 + 1e-9
+    few = palette.pixels(coats, 16)
+    assert len(np.unique(few.reshape(-1, 4), axis=0)) <= 16
+    assert (few[0] == exact[0]).all()
+    assert np.abs(few.astype(int) - exact.astype(int)).mean() < 12
+
+
+@pytest.mark.parametrize(("turn_deg", "tilt_deg"), [(0.0, 0.0), (40.0, 30.0), (-140.0, -30.0)])
+def test_a_view_looks_from_its_turn_and_its_tilt(turn_deg, tilt_deg):
+    right, down, away = View(turn_deg, tilt_deg).axes
+    turn, tilt = math.radians(turn_deg), math.radians(tilt_deg)
+    # A plan's y points down, its z to the front, its x to the right of the robot.
+    viewer = [-math.sin(turn) * math.cos(tilt), -math.sin(tilt), math.cos(turn) * math.cos(tilt)]
+    assert -away == pytest.approx(viewer)
+    assert right == pytest.approx([-math.cos(turn), 0.0, -math.sin(turn)])
+    assert down == pytest.approx(np.cross(away, right)) and down[1] > 0
+
+
+def test_a_picture_is_as_large_as_its_parts_with_a_margin():
+    plan = plan_of("1 4 0 0 0 1 0 0 0 1 0 0 0 1 3001.dat")
+    shown = [Shown(plan.parts[0], np.zeros(3))]
+    width, height = extent(shown, View(0, 0))
+    # 4 x 2 studs are 80 by 40, 24 high; only the picture has the studs too, of 4.
+    assert (width, height) == pytest.approx((80.0, 24.0))
+    assert extent(shown, View(90, 0)) == pytest.approx((40.0, 24.0))
+    moved = [*shown, Shown(plan.parts[0], np.array([100.0, 0.0, 0.0]))]
+    assert extent(moved, View(0, 0))[0] == pytest.approx(180.0)
+    picture = Studio().picture(shown, View(0, 0), 2.0, margin=7)
+    assert picture.size == pytest.approx((2 * 80 + 14, 2 * 28 + 14), abs=2)
+    rows, columns = np.nonzero(picture.owner == 0)
+    assert (columns.min(), rows.min()) == (7, 7)
+    assert picture.alone == {0: len(rows)} and picture.visible([0]) == 1.0
+    # A point of the plan is where its pixel is: a corner of the brick.
+    x, y = picture.pixel_of(np.array([-40.0, 24.0, 20.0]))
+    assert (round(x), round(y)) == (columns.max() + 1, rows.max() + 1)
 
 
 @pytest.mark.slow
