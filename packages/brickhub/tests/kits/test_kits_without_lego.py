@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import io
+import logging
 import sys
 import time
+import types
 from dataclasses import replace
 from pathlib import Path
 
@@ -134,3 +136,47 @@ def test_clock_of_real_devices_tells_milliseconds_on_windows(
     start_s = RealRadio().now_s()
     time.sleep(0.002)
     assert RealRadio().now_s() - start_s >= 0.002
+
+
+def lego_stub(monkeypatch: pytest.MonkeyPatch) -> types.ModuleType:
+    """LEGO's package, of which only the colors are there."""
+    stub = types.ModuleType("legoeducation")
+    vars(stub).update(LEGO_COLOR_AZURE=11, LEGO_COLOR_RED=9)
+    monkeypatch.setitem(sys.modules, "legoeducation", stub)
+    return stub
+
+
+def test_what_legos_package_logs_is_silent_only_where_errors_say_it(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    logger = logging.getLogger("legoeducation")
+    monkeypatch.setattr(logger, "handlers", [])
+    monkeypatch.setattr(logger, "propagate", False)
+    stub = lego_stub(monkeypatch)
+    assert lego_package() is stub
+    logger.warning("the device left")
+    assert "the device left" in capsys.readouterr().err
+    for _ in range(2):
+        assert lego_package(is_silent=True) is stub
+    logger.warning("the device left")
+    assert capsys.readouterr().err == "" and len(logger.handlers) == 1
+
+
+@pytest.mark.parametrize("card", ["azure-3683", "RED-7", None])
+def test_a_card_finds_devices_by_its_color_and_serial(
+    card: str | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    lego_stub(monkeypatch)
+    wanted = {
+        "azure-3683": {"card_color": 11, "card_serial": "3683"},
+        "RED-7": {"card_color": 9, "card_serial": "7"},
+        None: {},
+    }
+    assert RealRadio(card).search(KitPart(Product.COLOR_SENSOR, "D")) == wanted[card]
+
+
+@pytest.mark.parametrize("card", ["azure", "azure-", "azure-12345", "azure-1a", "black-1", "-1"])
+def test_what_is_on_no_card_is_refused(card: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    lego_stub(monkeypatch)
+    with pytest.raises(UnknownNameError, match=f"^'{card}' is no connection card; give its color"):
+        RealRadio(card).search(KitPart(Product.COLOR_SENSOR, "D"))
