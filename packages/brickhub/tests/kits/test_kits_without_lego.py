@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import logging
+import math
 import sys
 import time
 import types
@@ -21,15 +22,28 @@ from brickhub.errors import (
     TwinError,
     UnknownNameError,
 )
-from brickhub.hub.interface import Interface, RunDuty, SensorReading, Wait
+from brickhub.hub.interface import (
+    Command,
+    DriveSpeed,
+    DriveStraight,
+    DriveTurnRate,
+    Interface,
+    RunAngle,
+    RunDuty,
+    RunSpeed,
+    SensorReading,
+    Turn,
+    Wait,
+)
 from brickhub.hub.link.profiles import DEFAULT_LINK, PROFILES
 from brickhub.hub.program.generate import generate
 from brickhub.hub.transports.address import parse_hub
+from brickhub.kits import link as kit_link
 from brickhub.kits.kit_protocol import Product
 from brickhub.kits.link import KitLink
 from brickhub.kits.radio import KitPart, RealRadio, lego_package, parts_of, real_radio
 from brickhub.kits.virtual_kit import VirtualKit, virtual_robot
-from brickhub.robot import KitKind, Motor, Robot
+from brickhub.robot import DriveBase, KitKind, Motor, Robot
 from brickhub.virtual.bench_body import BenchBody
 from brickhub.virtual.room import HubProgramFile, Room
 from brickhub.virtual.run import run_file
@@ -180,3 +194,42 @@ def test_what_is_on_no_card_is_refused(card: str, monkeypatch: pytest.MonkeyPatc
     lego_stub(monkeypatch)
     with pytest.raises(UnknownNameError, match=f"^'{card}' is no connection card; give its color"):
         RealRadio(card).search(KitPart(Product.COLOR_SENSOR, "D"))
+
+
+CART = Robot(
+    "cart",
+    KitKind.DOUBLE_MOTOR,
+    (Motor("left", "A"), Motor("right", "B"), Motor("arm", "C")),
+    drive_base=DriveBase("left", "right", 50.0, 100.0),
+)
+ROLLED_DEG = 360.0 / (math.pi * 50.0)
+
+
+@pytest.mark.parametrize(
+    ("command", "amount", "moves"),
+    [
+        # Speed, and the turn after which it ends by itself.
+        (RunAngle("arm", -90, 90, 300), -45.0, {"arm": (300, -45.0)}),
+        (RunSpeed("arm", -500, 500), -200.0, {"arm": (-200.0, None)}),
+        (
+            DriveSpeed(-100, 100),
+            60.0,
+            {"left": (60 * ROLLED_DEG, None), "right": (60 * ROLLED_DEG, None)},
+        ),
+        (DriveTurnRate(-90, 90), 45.0, {"left": (90.0, None), "right": (-90.0, None)}),
+        (
+            DriveStraight(-100, 100),
+            30.0,
+            {"left": (400.0, 30 * ROLLED_DEG), "right": (400.0, 30 * ROLLED_DEG)},
+        ),
+        (Turn(-90, 90), 45.0, {"left": (400.0, 90.0), "right": (400.0, -90.0)}),
+    ],
+)
+def test_motors_of_a_kit_move_as_the_command_says(
+    command: Command, amount: float, moves: dict[str, tuple[float, float | None]]
+) -> None:
+    found = kit_link._MOVES[type(command)](CART, command, amount)
+    assert found.keys() == moves.keys()
+    for name, (speed, turn) in moves.items():
+        assert found[name][0] == pytest.approx(speed)
+        assert found[name][1] == (None if turn is None else pytest.approx(turn))
