@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 import re
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -24,6 +25,7 @@ from bricktwin.plans.booklet.instructions import (
     MIN_VISIBLE,
     Instruction,
     Scene,
+    _Author,
     instructions,
     kind_of,
 )
@@ -582,6 +584,48 @@ def test_a_picture_is_as_large_as_its_parts_with_a_margin():
     # A point of the plan is where its pixel is: a corner of the brick.
     x, y = picture.pixel_of(np.array([-40.0, 24.0, 20.0]))
     assert (round(x), round(y)) == (columns.max() + 1, rows.max() + 1)
+
+
+@pytest.mark.parametrize(
+    ("visible", "chosen", "hidden"),
+    [
+        # Enough in the default view: no other one is tried.
+        ({0: (0.9, 0.95)}, 0, []),
+        # The view in which the least visible item is seen best.
+        ({0: (0.1, 0.9), 1: (0.6, 0.6), 2: (0.05, 1.0)}, 1, []),
+        ({0: (0.3, 0.3), 1: (0.0, 1.0), 3: (0.75, 0.8)}, 3, []),
+        # It is not turned for little, and what no view shows is told.
+        ({0: (0.4, 0.4), 1: (0.44, 0.44)}, 0, []),
+        ({0: (0.0, 0.9)}, 0, [(4,)]),
+    ],
+)
+def test_a_step_is_seen_from_where_its_most_hidden_item_is_seen_best(visible, chosen, hidden):
+    class Trial:
+        def __init__(self, view):
+            self.shares = visible.get(VIEWS.index(view), (0.0, 0.0))
+
+        def visible(self, item):
+            return self.shares[0 if item == (4,) else 1]
+
+    tried = []
+
+    def picture(shown, view, zoom):
+        tried.append(view)
+        return Trial(view)
+
+    author = _Author.__new__(_Author)
+    author.studio = SimpleNamespace(picture=picture)
+    author.view = VIEWS[0]
+    author._apart = lambda moves, before: ([], ())
+    moves = [SimpleNamespace(parts=(4, 7), items=((4,), (7,)))]
+    scene, unseen = author._best_scene(moves, frozenset())
+    assert VIEWS.index(scene.view) == chosen and unseen == hidden
+    assert scene.bright == {4, 7} and tried[0] is VIEWS[0]
+    assert (len(tried) == 1) is (visible[0][0] > 0.45)
+    # That of the step before comes second.
+    author.view, tried[:] = VIEWS[5], []
+    author._best_scene(moves, frozenset())
+    assert len(tried) == 1 or tried[1] is VIEWS[5]
 
 
 @pytest.mark.slow

@@ -14,6 +14,7 @@ from brickhub.errors import TwinError
 from bricktwin.twin.floor_picture import read_picture
 from bricktwin.worlds.straighten import (
     _bilinear,
+    corners_page,
     looks_turned,
     ordered,
     plane_through,
@@ -257,3 +258,15 @@ def test_the_light_of_nine_by_nine_pixels_becomes_white(tmp_path: Path) -> None:
     # At the edge of the photograph, of what there is.
     corner = straightened(path, edges, (60.0, 40.0), white=(60.0, 40.0))
     assert corner.getpixel((0, 0)) == (255, 255, 255)
+
+
+def test_a_page_to_click_corners_has_the_photograph_and_the_command(tmp_path: Path) -> None:
+    path = saved(photo(), tmp_path, "my <mat>.png")
+    page = corners_page(path, "straighten 'a \"b\"'", "--out <mat>.png")
+    assert f'src="{path.resolve().as_uri()}"' in page
+    assert 'data-before="straighten &#x27;a &quot;b&quot;&#x27;"' in page
+    assert 'data-after="--out &lt;mat&gt;.png"' in page and "my &lt;mat&gt;.png" in page
+    # What a script writes as `${...}` is left to it.
+    assert "${command.dataset.before}" in page and "$photo" not in page
+    with pytest.raises(TwinError, match="there is no photograph"):
+        corners_page(tmp_path / "none.png", "", "")
