@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import os
 import pickle
+import shlex
 import struct
 import sys
 import time
@@ -26,6 +27,7 @@ from brickhub.files import (
     refuse_existing,
     remove_unfinished,
     serialized,
+    user_cache,
     write_durably,
 )
 
@@ -311,3 +313,37 @@ def test_what_is_no_file_is_written_to_and_not_replaced(tmp_path: Path) -> None:
     assert os.read(reader, 10) == b"data" and pipe.is_fifo()
     os.close(reader)
     assert list(tmp_path.iterdir()) == [pipe]
+
+
+def test_what_is_kept_lies_in_the_users_cache(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", "/somewhere")
+    assert user_cache() == Path("/somewhere/bricksrl")
+    monkeypatch.setattr(Path, "home", lambda: Path("/home/ada"))
+    for value in ("", None):
+        if value is None:
+            monkeypatch.delenv("XDG_CACHE_HOME")
+        else:
+            monkeypatch.setenv("XDG_CACHE_HOME", value)
+        assert user_cache() == Path("/home/ada/.cache/bricksrl")
+
+
+@pytest.mark.parametrize("path", ["plain.py", "with space.py", "it's.py", "$HOME&.py"])
+def test_path_is_one_word_in_other_shells(path: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "platform", "linux")
+    assert shlex.split(quoted(Path(path))) == [path]
+    assert (quoted(path) == path) is (path == "plain.py")
+
+
+@pytest.mark.parametrize(
+    ("failure", "reason"),
+    [
+        (FileNotFoundError(errno.ENOENT, "No such file", "x"), "No such file"),
+        (OSError("the disk is gone"), "the disk is gone"),
+    ],
+)
+def test_a_refusal_has_the_systems_reason(failure: OSError, reason: str) -> None:
+    with (
+        pytest.raises(PlanError, match=rf"^cannot read the plan a\.ldr \({reason}\); mend it$"),
+        reading("the plan", "a.ldr", PlanError, "mend it"),
+    ):
+        raise failure

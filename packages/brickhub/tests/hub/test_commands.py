@@ -27,6 +27,7 @@ from brickhub.hub.interface import (
     HubSound,
     Interface,
     MotorAngle,
+    RunAngle,
     RunDuty,
     RunSpeed,
     TrackTarget,
@@ -38,7 +39,7 @@ from brickhub.hub.link.lockstep import HubLink
 from brickhub.hub.program.compile import compile_program
 from brickhub.hub.program.generate import generate, validate
 from brickhub.hub.transport import Pipe
-from brickhub.robot import HubKind, Robot
+from brickhub.robot import DriveBase, HubKind, Motor, Robot
 from brickhub.virtual.bench_body import BenchBody
 from brickhub.virtual.body import Body
 from brickhub.virtual.virtual_transport import VirtualHub
@@ -276,3 +277,49 @@ def test_joint_tracks_targets_in_range() -> None:
 def test_straight_command_is_unchanged() -> None:
     seen, _ = carried_out(interface(DriveStraight(-100, 100), settle=UntilDone()), (80,))
     assert seen[1][2] == pytest.approx(80, abs=4)
+
+
+BASED = Robot(
+    "based",
+    HubKind.PRIME,
+    (Motor("left", "A"), Motor("right", "B")),
+    drive_base=DriveBase("left", "right", 50.0, 100.0),
+)
+ROLLED_DEG = 360.0 / (math.pi * 50.0)
+"""Turn of a wheel for a millimetre."""
+
+
+@pytest.mark.parametrize(
+    ("command", "amount", "turns_deg"),
+    [
+        (RunAngle("left", -90, 90, 300), 45.0, (45.0,)),
+        # An endless move turns at least so far in a second, but a test of it no more than a little.
+        (RunSpeed("left", -30, 30), 8.0, (8.0,)),
+        (RunDuty("left"), -10.0, (-10.0,)),
+        # A motor may already be at its target.
+        (TrackTarget("left", -90, 90), 45.0, (0.0,)),
+        (DriveStraight(-100, 100), 10.0, (10.0 * ROLLED_DEG,) * 2),
+        (DriveStraight(-100, 100), -10.0, (-10.0 * ROLLED_DEG,) * 2),
+        # Clockwise, the left wheel rolls forward, on a circle of the axle track.
+        (Turn(-90, 90), 30.0, (60.0, -60.0)),
+        (DriveSpeed(-20, 20), 4.0, (4.0 * ROLLED_DEG,) * 2),
+        (DriveTurnRate(-20, 20), -4.0, (-8.0, 8.0)),
+        # Around a point 200 mm to the right: the left wheel on 250 mm, the right one on 150.
+        (Curve(-90, 90, 200), 9.0, (9.0 * 250 / 25, 9.0 * 150 / 25)),
+        # With a negative radius backwards, around a point to the right too.
+        (Curve(-90, 90, -200), 9.0, (-9.0 * 250 / 25, -9.0 * 150 / 25)),
+        (Curve(-90, 90, 200), -9.0, (9.0 * 150 / 25, 9.0 * 250 / 25)),
+    ],
+)
+def test_wheels_turn_as_far_as_a_command_takes_them(
+    command: Command, amount: float, turns_deg: tuple[float, ...]
+) -> None:
+    assert command.turns_deg(BASED, amount) == pytest.approx(turns_deg)
+
+
+@pytest.mark.parametrize("speed", [1e4, -1e4])
+def test_an_endless_move_is_tested_by_a_small_turn(speed: float) -> None:
+    (turn_deg,) = RunSpeed("left", -1e4, 1e4).turns_deg(BASED, speed)
+    assert math.copysign(1.0, turn_deg) == math.copysign(1.0, speed) and 5 < abs(turn_deg) < 45
+    both = DriveSpeed(-1e4, 1e4).turns_deg(BASED, speed)
+    assert both == (turn_deg, turn_deg)

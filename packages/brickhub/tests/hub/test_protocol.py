@@ -14,13 +14,17 @@ from hypothesis import strategies as st
 
 from brickhub.hub.interface import RunAngle
 from brickhub.hub.protocol import (
+    APP_DATA_BYTES,
     CRC_POLYNOMIAL,
+    DOWN_PAYLOAD_BYTES,
+    MAX_ACTIONS,
     NOTIFICATION_BYTES,
     UP_PAYLOAD_BYTES,
     WRITE_BYTES,
     ByeReason,
     ControlFrame,
     DataFrame,
+    Down,
     EncodingError,
     Frame,
     FrameDecoder,
@@ -224,3 +228,44 @@ def test_nan_raises() -> None:
 def test_wrong_number_of_values_raises(values: list[float]) -> None:
     with pytest.raises(EncodingError, match="for 2 \\(left, right\\)"):
         WireFormat(SPINNING).encode_actions(values)
+
+
+def wire_of(*are_wide: bool) -> WireFormat:
+    """Format of channels that are called a, b, ...; each in tenths."""
+    channels = [
+        SimpleNamespace(name=name, scale=10, is_wide=lambda _robot, wide=wide: wide)
+        for name, wide in zip("abcdef", are_wide, strict=False)
+    ]
+    return WireFormat(SimpleNamespace(commands=(), channels=channels))  # type: ignore[arg-type]
+
+
+def test_channels_at_the_end_of_16_bits_are_named_unless_they_have_32() -> None:
+    wire = wire_of(False, True, False, False, True)
+    assert wire.answer_bytes == 2 + 2 + 4 + 2 + 2 + 4
+    numbers = (-32768, 32767, 32766, 32767, -100_000)
+    answer = struct.pack("<HhihhI", 61_000, *numbers[:4], numbers[4] & 0xFFFFFFFF)
+    assert wire.saturated(answer) == ["a", "d"]
+    assert wire.hub_time_ms(answer) == 61_000
+    time_ms, values = wire.decode_answer(answer)
+    assert time_ms == 61_000
+    assert values == pytest.approx([number / 10 for number in numbers])
+    assert wire.saturated(struct.pack("<Hhihhi", 0, -32767, 32767, 0, 32766, -32768)) == []
+
+
+def test_most_actions_fit_one_write_and_one_buffer_of_the_hub() -> None:
+    frame = data_frame(1, struct.pack(f"<{MAX_ACTIONS}h", *range(MAX_ACTIONS)))
+    assert len(frame) <= WRITE_BYTES < len(frame) + 2
+    # A buffer holds a count, a length and such a frame.
+    assert 1 + 1 + WRITE_BYTES == APP_DATA_BYTES
+
+
+@pytest.mark.parametrize("kind", Down)
+def test_what_a_computer_sends_is_read_by_the_sizes_of_its_kinds(kind: Down) -> None:
+    payload = bytes(range(DOWN_PAYLOAD_BYTES[kind]))
+    reader = FrameDecoder(PAYLOAD_BYTES, DOWN_PAYLOAD_BYTES)
+    after = data_frame(7, bytes(PAYLOAD_BYTES))
+    assert reader.feed(control_frame(kind, payload) + after) == [
+        ControlFrame(kind, payload),
+        DataFrame(7, bytes(PAYLOAD_BYTES)),
+    ]
+    assert (reader.skipped_bytes, reader.crc_errors) == (0, 0)

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import io
+import logging
+import math
 import sys
 import time
+import types
 from dataclasses import replace
 from pathlib import Path
 
@@ -19,15 +22,28 @@ from brickhub.errors import (
     TwinError,
     UnknownNameError,
 )
-from brickhub.hub.interface import Interface, RunDuty, SensorReading, Wait
+from brickhub.hub.interface import (
+    Command,
+    DriveSpeed,
+    DriveStraight,
+    DriveTurnRate,
+    Interface,
+    RunAngle,
+    RunDuty,
+    RunSpeed,
+    SensorReading,
+    Turn,
+    Wait,
+)
 from brickhub.hub.link.profiles import DEFAULT_LINK, PROFILES
 from brickhub.hub.program.generate import generate
 from brickhub.hub.transports.address import parse_hub
+from brickhub.kits import link as kit_link
 from brickhub.kits.kit_protocol import Product
 from brickhub.kits.link import KitLink
 from brickhub.kits.radio import KitPart, RealRadio, lego_package, parts_of, real_radio
 from brickhub.kits.virtual_kit import VirtualKit, virtual_robot
-from brickhub.robot import KitKind, Motor, Robot
+from brickhub.robot import DriveBase, KitKind, Motor, Robot
 from brickhub.virtual.bench_body import BenchBody
 from brickhub.virtual.room import HubProgramFile, Room
 from brickhub.virtual.run import run_file
@@ -134,3 +150,86 @@ def test_clock_of_real_devices_tells_milliseconds_on_windows(
     start_s = RealRadio().now_s()
     time.sleep(0.002)
     assert RealRadio().now_s() - start_s >= 0.002
+
+
+def lego_stub(monkeypatch: pytest.MonkeyPatch) -> types.ModuleType:
+    """LEGO's package, of which only the colors are there."""
+    stub = types.ModuleType("legoeducation")
+    vars(stub).update(LEGO_COLOR_AZURE=11, LEGO_COLOR_RED=9)
+    monkeypatch.setitem(sys.modules, "legoeducation", stub)
+    return stub
+
+
+def test_what_legos_package_logs_is_silent_only_where_errors_say_it(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    logger = logging.getLogger("legoeducation")
+    monkeypatch.setattr(logger, "handlers", [])
+    monkeypatch.setattr(logger, "propagate", False)
+    stub = lego_stub(monkeypatch)
+    assert lego_package() is stub
+    logger.warning("the device left")
+    assert "the device left" in capsys.readouterr().err
+    for _ in range(2):
+        assert lego_package(is_silent=True) is stub
+    logger.warning("the device left")
+    assert capsys.readouterr().err == "" and len(logger.handlers) == 1
+
+
+@pytest.mark.parametrize("card", ["azure-3683", "RED-7", None])
+def test_a_card_finds_devices_by_its_color_and_serial(
+    card: str | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    lego_stub(monkeypatch)
+    wanted = {
+        "azure-3683": {"card_color": 11, "card_serial": "3683"},
+        "RED-7": {"card_color": 9, "card_serial": "7"},
+        None: {},
+    }
+    assert RealRadio(card).search(KitPart(Product.COLOR_SENSOR, "D")) == wanted[card]
+
+
+@pytest.mark.parametrize("card", ["azure", "azure-", "azure-12345", "azure-1a", "black-1", "-1"])
+def test_what_is_on_no_card_is_refused(card: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    lego_stub(monkeypatch)
+    with pytest.raises(UnknownNameError, match=f"^'{card}' is no connection card; give its color"):
+        RealRadio(card).search(KitPart(Product.COLOR_SENSOR, "D"))
+
+
+CART = Robot(
+    "cart",
+    KitKind.DOUBLE_MOTOR,
+    (Motor("left", "A"), Motor("right", "B"), Motor("arm", "C")),
+    drive_base=DriveBase("left", "right", 50.0, 100.0),
+)
+ROLLED_DEG = 360.0 / (math.pi * 50.0)
+
+
+@pytest.mark.parametrize(
+    ("command", "amount", "moves"),
+    [
+        # Speed, and the turn after which it ends by itself.
+        (RunAngle("arm", -90, 90, 300), -45.0, {"arm": (300, -45.0)}),
+        (RunSpeed("arm", -500, 500), -200.0, {"arm": (-200.0, None)}),
+        (
+            DriveSpeed(-100, 100),
+            60.0,
+            {"left": (60 * ROLLED_DEG, None), "right": (60 * ROLLED_DEG, None)},
+        ),
+        (DriveTurnRate(-90, 90), 45.0, {"left": (90.0, None), "right": (-90.0, None)}),
+        (
+            DriveStraight(-100, 100),
+            30.0,
+            {"left": (400.0, 30 * ROLLED_DEG), "right": (400.0, 30 * ROLLED_DEG)},
+        ),
+        (Turn(-90, 90), 45.0, {"left": (400.0, 90.0), "right": (400.0, -90.0)}),
+    ],
+)
+def test_motors_of_a_kit_move_as_the_command_says(
+    command: Command, amount: float, moves: dict[str, tuple[float, float | None]]
+) -> None:
+    found = kit_link._MOVES[type(command)](CART, command, amount)
+    assert found.keys() == moves.keys()
+    for name, (speed, turn) in moves.items():
+        assert found[name][0] == pytest.approx(speed)
+        assert found[name][1] == (None if turn is None else pytest.approx(turn))

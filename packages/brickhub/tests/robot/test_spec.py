@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Callable
 
 import pytest
@@ -23,7 +24,7 @@ from brickhub.robot import (
     SensorKind,
     UltrasonicSensor,
 )
-from brickhub.robot.spec import sensor_of
+from brickhub.robot.spec import sensor_of, with_end_stops
 
 names = st.from_regex(r"[a-z_][a-z0-9_]{0,8}", fullmatch=True)
 hubs = st.sampled_from(HubKind)
@@ -274,3 +275,94 @@ def test_motor_of_another_type_raises(change: dict[str, object]) -> None:
     with pytest.raises(DescriptionError, match=f"^{next(iter(change))} is .*; give ") as caught:
         Motor("m", "A", **change)  # type: ignore[arg-type]
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("port", "message"),
+    [
+        ("", "'m' has no port; say it, or name a plan that does"),
+        ("AB", "'m' is on port AB, but a prime hub has ports A, B, C, D, E, F; move it"),
+        ("G", "'m' is on port G, but a prime hub has ports A, B, C, D, E, F; move it"),
+        ("1", "'m' is on port 1, but a prime hub has ports A, B, C, D, E, F; move it"),
+    ],
+)
+def test_a_port_that_the_hub_lacks_is_named_beside_those_it_has(port: str, message: str) -> None:
+    for parts in ({"motors": (Motor("m", port),)}, {"sensors": (UltrasonicSensor("m", port),)}):
+        with pytest.raises(DescriptionError, match=f"^robot 'r': {message}"):
+            Robot("r", HubKind.PRIME, **parts)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda: Mount((60.0, 0.0, 0.0)),
+        lambda: Mount((60.0, 0.0, -1.0)),
+        lambda: Mount((math.inf, 0.0, 12.0)),
+        lambda: Mount((60.0, 0.0, 12.0), "inwards"),
+        lambda: Chassis(caster_mm=(19.9, 0.0)),
+        lambda: Chassis(caster_mm=(-19.9, 70.0)),
+        lambda: Chassis(caster_mm=(-60.0, math.inf)),
+        lambda: Chassis(hub_mm=(math.nan, 0.0)),
+        lambda: Chassis(ballast_g=-0.1),
+        lambda: Chassis(ballast_g=math.inf),
+    ],
+)
+def test_what_cannot_be_mounted_on_a_robot_is_refused(make: Callable[[], object]) -> None:
+    with pytest.raises(DescriptionError, match=r"cannot (sit at|look)|caster 20 mm or more"):
+        make()
+
+
+def test_mounts_and_casters_at_the_limit_are_accepted() -> None:
+    assert Mount((-60.0, -5.0, 0.1), "down").at_mm[2] == 0.1
+    for ahead_mm in (20.0, -20.0):
+        assert Chassis(caster_mm=(ahead_mm, 0.0), ballast_g=0.0).caster_mm[0] == ahead_mm
+
+
+def test_a_wheel_turns_once_over_its_circumference() -> None:
+    base = DriveBase("a", "b", 56.0, 130.0)
+    assert base.turn_deg(math.pi * 56.0) == pytest.approx(360.0)
+    assert base.turn_deg(-math.pi * 14.0) == pytest.approx(-90.0)
+
+
+@pytest.mark.parametrize(("wheel_mm", "track_mm"), [(0.0, 130.0), (56.0, 0.0)])
+def test_a_drive_base_without_a_size_needs_a_plan(wheel_mm: float, track_mm: float) -> None:
+    base = DriveBase("a", "b", wheel_mm, track_mm)
+    with pytest.raises(DescriptionError, match="no wheel diameter or no axle track"):
+        Robot("r", HubKind.PRIME, (A, B), drive_base=base)
+    robot = Robot("r", HubKind.PRIME, (A, B), drive_base=base, plan="r.ldr")
+    with pytest.raises(DescriptionError, match=r"its plan r\.ldr was not read"):
+        robot.check_complete()
+
+
+LEGS = (Motor("left", "A"), Motor("right", "B"), Motor("tail", "C", MotorKind.SPIKE_LARGE))
+EYES = (UltrasonicSensor("eye", "D"), PoweredUpSensor("color", "E", SensorKind.COLOR))
+
+
+@pytest.mark.parametrize(
+    ("mirrored", "message"),
+    [
+        ((("left", "wing"),), "mirrored names 'wing' 1 times"),
+        ((("left", "right"), ("tail", "left")), "mirrored names 'left' 2 times"),
+        ((("left", "tail"),), "left and tail are no mirror images"),
+        ((("eye", "color"),), "eye and color are no mirror images"),
+        ((("left", "eye"),), "left and eye are no mirror images"),
+    ],
+)
+def test_only_devices_alike_are_mirror_images(
+    mirrored: tuple[tuple[str, str], ...], message: str
+) -> None:
+    with pytest.raises(DescriptionError, match=message):
+        Robot("r", HubKind.PRIME, LEGS, EYES, mirrored=mirrored)
+    geared = dataclasses.replace(LEGS[1], gears=(12, 20))
+    with pytest.raises(DescriptionError, match="left and right are no mirror images"):
+        Robot("r", HubKind.PRIME, (LEGS[0], geared), mirrored=(("left", "right"),))
+
+
+def test_end_stops_are_given_to_the_motors_of_their_names() -> None:
+    robot = Robot("r", HubKind.PRIME, LEGS)
+    stopped = with_end_stops(robot, {"right": (-20.0, 70.0)})
+    assert stopped.motor("right").end_stops_deg == (-20.0, 70.0)
+    assert [stopped.motor(name) for name in ("left", "tail")] == [LEGS[0], LEGS[2]]
+    assert with_end_stops(robot, {}) is robot
+    with pytest.raises(DescriptionError, match=r"no motor 'eye' \(it has: left, right, tail\)"):
+        with_end_stops(robot, {"eye": (0.0, 1.0)})

@@ -10,6 +10,8 @@ import pytest
 from brickhub.errors import DescriptionError
 from brickhub.hub.commands import DriveSpeed, DriveTurnRate
 from brickhub.hub.interface import Interface, SensorReading, Wait, YawRate
+from brickhub.robot import HubKind, PoweredUpSensor, Robot, SensorKind
+from brickhub.robot.line_edge import LINE_EDGES, LineEdge, edge_of
 from brickhub.search.edge import edge_following
 
 LIGHT = SensorReading("light", "reflection", 0, 100, "%")
@@ -71,3 +73,25 @@ def test_only_turns_towards_an_edge_that_is_known_are_tried(
 def test_other_commands_are_refused(commands: tuple[DriveSpeed | DriveTurnRate, ...]) -> None:
     with pytest.raises(DescriptionError, match="a turn rate to both sides"):
         edge_following(Interface(commands, (LIGHT,), Wait(50)), 40.0)
+
+
+def test_who_reads_no_reflection_first_follows_no_edge() -> None:
+    commands = (DriveSpeed(0, 200), DriveTurnRate(-100, 100))
+    for channels in ((YawRate(), LIGHT), (SensorReading("light", "ambient", 0, 100, "%"),)):
+        with pytest.raises(DescriptionError, match="observes a reflection first"):
+            edge_following(Interface(commands, channels, Wait(50)), 40.0)
+
+
+def test_an_edge_is_halfway_between_line_and_floor_and_bare_just_before_either() -> None:
+    edge = LineEdge(10.0, 70.0)
+    assert edge.edge_pct == 40.0
+    # What is bare of the line, or of the floor, differs from both by no more than noise.
+    assert 70.0 - 5.0 < edge.edge_pct + edge.bare_pct < 70.0
+    assert 10.0 < edge.edge_pct - edge.bare_pct < 10.0 + 5.0
+    for kind, found in LINE_EDGES.items():
+        light = PoweredUpSensor("light", "3" if kind is SensorKind.EV3_COLOR else "C", kind)
+        hub = HubKind.EV3 if kind is SensorKind.EV3_COLOR else HubKind.PRIME
+        robot = Robot("r", hub, sensors=(light,))
+        assert edge_of(robot) is found and 0 < found.line_pct < 10 < 60 < found.floor_pct < 100
+        with pytest.raises(DescriptionError, match="no sensor 'eye'"):
+            edge_of(robot, "eye")

@@ -60,3 +60,32 @@ def test_the_wheels_drive_below_a_robot_that_falls_and_the_hub_computes_the_same
 def test_other_interfaces_are_refused(interface: Interface) -> None:
     with pytest.raises(DescriptionError, match="commands the voltages of two wheels"):
         upright(interface)
+
+
+def test_a_search_reaches_as_far_as_a_robot_of_this_size_needs() -> None:
+    """What each number does at the ends of its range, as shares of the voltage."""
+    structure = upright(INTERFACE)
+    lowest, highest = (
+        dict(zip((entry.name for entry in structure.numbers), ends, strict=True))
+        for ends in zip(*((entry.low, entry.high) for entry in structure.numbers), strict=True)
+    )
+
+    def share(*observed: float, **numbers: float) -> float:
+        chosen = dict.fromkeys(lowest, 0.0) | {"gain": 1.0} | numbers
+        first, second = structure.act(observed, [*chosen.values()])
+        assert first == second
+        return first
+
+    # All of the voltage at 2.5 degrees, or at 50.
+    assert share(2.5, 0.0, 0.0, 0.0, gain=highest["gain"]) == pytest.approx(1.0)
+    assert share(2.4, 0.0, 0.0, 0.0, gain=highest["gain"]) < 1.0
+    assert share(50.0, 0.0, 0.0, 0.0, gain=lowest["gain"]) == pytest.approx(1.0)
+    # A lean to both sides alike, by default of 6 degrees.
+    assert share(6.0, 0.0, 0.0, 0.0, lean=highest["lean"]) == 0.0
+    assert share(-6.0, 0.0, 0.0, 0.0, lean=lowest["lean"]) == 0.0
+    # Ten degrees after a turn of the wheels, or at a turn in a second.
+    assert share(0.0, 0.0, 360.0, 0.0, by_angle=highest["by_angle"]) == pytest.approx(0.1, abs=0.01)
+    assert share(0.0, 0.0, 0.0, 360.0, by_speed=highest["by_speed"]) == pytest.approx(0.1, abs=0.01)
+    assert share(0.0, 100.0, 0.0, 0.0, ahead=highest["ahead"]) == pytest.approx(0.1)
+    assert [lowest[name] for name in ("ahead", "by_angle", "by_speed")] == [0.0, 0.0, 0.0]
+    assert upright(INTERFACE, 3.5).numbers[0].low == -3.5

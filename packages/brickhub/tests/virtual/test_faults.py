@@ -16,7 +16,14 @@ from brickhub.hub.link.lockstep import HubLink
 from brickhub.kits.virtual_kit import virtual_robot
 from brickhub.robot import Sense
 from brickhub.virtual.bench_body import BenchBody
-from brickhub.virtual.faults import FAULT_KINDS, FaultyBody, parse_fault, sound_body, with_faults
+from brickhub.virtual.faults import (
+    FAULT_KINDS,
+    BreakingLink,
+    FaultyBody,
+    parse_fault,
+    sound_body,
+    with_faults,
+)
 from brickhub.virtual.run import run_file
 
 
@@ -161,3 +168,82 @@ def test_what_is_no_fault_is_refused(text: str, says: str) -> None:
 
 def test_every_kind_has_an_example_that_is_one() -> None:
     assert {parse_fault(kind.example).kind for kind in FAULT_KINDS.values()} == set(FAULT_KINDS)
+
+
+class Recorded:
+    """A sound body that notes what reaches it."""
+
+    def __init__(self) -> None:
+        self.robot = TWO_WHEELER
+        self.battery_mv = 8000
+        self.link = "cable"
+        self.voltages: list[tuple[str, int | None]] = []
+        self.angles = {"E": 90_000, "A": -30_000}
+
+    def set_voltage(self, port: str, voltage_mv: int | None) -> None:
+        self.voltages.append((port, voltage_mv))
+
+    def angle_mdeg(self, port: str) -> int:
+        return self.angles[port]
+
+    def tilt_deg(self) -> tuple[float, float]:
+        return 1.0, 2.0
+
+    def heading_deg(self) -> float:
+        return 33.0
+
+
+@pytest.mark.parametrize(
+    ("faults", "voltage_mv", "sound"),
+    [
+        ((), 5000, ("E", 5000)),
+        (("reversed:left",), 5000, ("E", -5000)),
+        (("slip:left=0.25",), 4000, ("E", 3000)),
+        (("slip:left=0.25", "reversed:left"), 4000, ("E", -3000)),
+        # A weak battery limits what the motor gets, before the share that is lost.
+        (("battery=6",), 9000, ("E", 6000)),
+        (("battery=6",), -9000, ("E", -6000)),
+        (("battery=6", "slip:left=0.5"), 9000, ("E", 3000)),
+        (("battery=6",), 5000, ("E", 5000)),
+        (("dead:left",), 5000, ("E", None)),
+        (("slip:left=0.25",), None, ("E", None)),
+        (("reversed:right",), 5000, ("E", 5000)),
+    ],
+)
+def test_a_motor_gets_what_its_faults_leave_of_its_voltage(
+    faults: tuple[str, ...], voltage_mv: int | None, sound: tuple[str, int | None]
+) -> None:
+    recorded = Recorded()
+    body = FaultyBody(recorded)  # type: ignore[arg-type]
+    for text in faults:
+        fault = parse_fault(text)
+        FAULT_KINDS[fault.kind].apply(body, fault)
+    body.set_voltage("E", voltage_mv)
+    assert recorded.voltages == [sound]
+
+
+def test_a_motor_tells_its_own_turn_and_not_that_of_the_floor() -> None:
+    recorded = Recorded()
+    body = FaultyBody(recorded)  # type: ignore[arg-type]
+    slip = parse_fault("slip:left=0.75")
+    FAULT_KINDS["slip"].apply(body, slip)
+    # It does not jump when it begins to slip, and four degrees are one on the floor from then on.
+    assert body.angle_mdeg("E") == 90_000
+    recorded.angles["E"] = 90_000 + 25_000
+    assert body.angle_mdeg("E") == 90_000 + 100_000
+    FAULT_KINDS["reversed"].apply(body, parse_fault("reversed:left"))
+    assert body.angle_mdeg("E") == -190_000 and body.angle_mdeg("A") == -30_000
+    # What no fault changes is the sound body's, also what is set.
+    assert (body.tilt_deg(), body.heading_deg(), body.battery_mv) == ((1.0, 2.0), 33.0, 8000)
+    body.battery_mv, body.link = 7500, "air"  # type: ignore[assignment]
+    assert (recorded.battery_mv, recorded.link) == (7500, "air") == (body.battery_mv, body.link)
+    FAULT_KINDS["battery"].apply(body, parse_fault("battery=6.25V"))
+    assert (body.battery_mv, recorded.battery_mv) == (6250, 7500)
+
+
+def test_a_link_that_breaks_refuses_two_calls() -> None:
+    now_s = 1.0
+    reaches = BreakingLink(2.0, lambda: now_s)
+    assert [reaches() for _ in range(3)] == [True] * 3
+    now_s = 2.0
+    assert [reaches() for _ in range(4)] == [False, False, True, True]

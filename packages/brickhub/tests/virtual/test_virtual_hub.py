@@ -329,3 +329,17 @@ def test_start_in_another_thread_stops_motors_of_the_earlier_program() -> None:
         pool.submit(virtual.start, HubProgram(ECHO, 0)).result()
         assert pool.submit(virtual.read, 1.0).result() == b"hello" and not is_driven(virtual)
         pool.submit(virtual.stop).result()
+
+
+def test_time_passes_up_to_a_moment_without_a_program_too() -> None:
+    hub = VirtualHub(BenchBody(TWO_WHEELER))
+    times_ms = []
+    for until_ms in (500, 700, 700, 600, 1001):
+        hub.run_on_until(until_ms)
+        times_ms.append(hub.machine.time_ms)
+    assert times_ms == [500, 700, 700, 700, 1001]
+    # And up to the same moment, once a program has ended.
+    hub.start(HubProgram("print('done')\n", 1))
+    hub.run_on_until(1500)
+    hub.run_on_until(1750)
+    assert hub.machine.time_ms == 1750

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,11 +16,18 @@ from brickhub.virtual.virtual_transport import VirtualHub
 from bricktwin.measure import session
 from bricktwin.measure.hands import Deed, SimulatedPerson
 from bricktwin.measure.report import lines
-from bricktwin.measure.results import Comparison, compare, measured, virtual
+from bricktwin.measure.results import (
+    Comparison,
+    Quantity,
+    compare,
+    measured,
+    quantities,
+    virtual,
+)
 from bricktwin.measure.session import Row, SessionLog, measure, read_log, write_log
 from bricktwin.robots import ROBO_ARM, TWO_WHEELER
 from bricktwin.twin.mujoco_body import MujocoBody
-from bricktwin.twin.physics import Physics
+from bricktwin.twin.physics import PARAMETERS, Physics
 
 HIDDEN = Physics(
     battery_v=7.7,
@@ -189,3 +198,128 @@ def test_a_robot_without_a_twin_is_measured_alone(monkeypatch: pytest.MonkeyPatc
     assert alone.robot["speed of blades, free"] > 900 and not alone.twin
     assert alone.fitted() == Physics()
     assert [name for name, *_ in lines(alone)][-1] == "battery with blades held, V"
+
+
+def rows_of(phase: str, start_ms: int, count: int, **values: Any) -> list[Row]:
+    """Answers every 100 ms; each value is a number, or a function of the time in seconds."""
+    rows = []
+    for number in range(count):
+        time_ms = start_ms + 100 * number
+        now = {
+            name: value(time_ms / 1000) if callable(value) else value
+            for name, value in values.items()
+        }
+        rows.append(Row(phase, time_ms, 20.0, now))
+    return rows
+
+
+def test_inertial_numbers_are_those_of_a_gyroscope_that_drifts_and_errs() -> None:
+    """At rest for a minute, three and a half turns by hand in six seconds, and at rest."""
+    turned_deg = 1260.0 * 1.02
+
+    def heading(now_s: float) -> float:
+        # A drift of 3 degrees a minute; the wire wraps headings.
+        share = min(max((now_s - 60.0) / 6.0, 0.0), 1.0)
+        angle = now_s / 20 + share * turned_deg
+        return (angle + 180.0) % 360.0 - 180.0
+
+    def alternating(low: float, high: float) -> Any:
+        return lambda now_s: high if round(10 * now_s) % 2 else low
+
+    common = {"heading": heading, "yaw_rate": alternating(-0.2, 0.2)}
+    # A table that is tilted by 1 and 2 degrees, which half a turn turns round.
+    rest = rows_of(
+        "rest", 0, 600, **common, pitch=alternating(1.2, 1.8), roll=alternating(2.3, 2.3)
+    )
+    hands = rows_of("hands", 60_000, 60, **common, pitch=0.0, roll=0.0)
+    turned = rows_of("turned", 66_000, 20, **common, pitch=-0.5, roll=-1.7)
+    numbers = measured(SessionLog("r", {}, (*rest, *hands, *turned)))
+    assert numbers["gyroscope, drift"] == pytest.approx(3.0)
+    assert numbers["gyroscope, scale error"] == pytest.approx(2.0)
+    assert numbers["gyroscope, noise"] == pytest.approx(0.2)
+    assert numbers["pitch at rest"] == pytest.approx(0.5)
+    assert numbers["roll at rest"] == pytest.approx(0.3)
+    # Of a deviation of 0.3 and one of none.
+    assert numbers["tilt, noise"] == pytest.approx(0.3 / math.sqrt(2))
+
+
+def test_motors_are_measured_in_both_directions_once_they_run() -> None:
+    def angle(speed_deg_s: float, start_s: float) -> Any:
+        # It stands for the first 0.3 s.
+        return lambda now_s: speed_deg_s * max(now_s - start_s - 0.3, 0.0) + 17.0
+
+    rows = [
+        *rows_of("lifted", 0, 10, battery_v=8.0),
+        *rows_of("free arm", 1000, 12, arm_angle=angle(500.0, 1.0), battery_v=7.9),
+        *rows_of("back arm", 3000, 12, arm_angle=angle(-540.0, 3.0), battery_v=7.9),
+        *rows_of("held arm", 5000, 10, arm_angle=0.0, battery_v=lambda now_s: 7.0 + now_s - 5.45),
+    ]
+    numbers = measured(SessionLog("r", {}, tuple(rows)))
+    assert numbers["speed of arm, free"] == pytest.approx(520.0)
+    assert numbers["battery at rest"] == 8.0
+    assert numbers["battery with arm held"] == pytest.approx(7.0)
+    assert "pitch at rest" not in numbers and "distance, noise" not in numbers
+
+
+def test_failed_readings_of_a_distance_are_no_distances() -> None:
+    wall_mm = [300.0, 310.0, 2000.0, 290.0, 300.0]
+    rows = [Row("wall", 10 * n, 20.0, {"distance": mm}) for n, mm in enumerate(wall_mm)]
+    rows += [Row("aslant", 10 * n, 20.0, {"distance": mm}) for n, mm in enumerate((200.0, 1999.0))]
+    numbers = measured(SessionLog("r", {}, tuple(rows)))
+    assert numbers["distance, failed readings"] == pytest.approx(20.0)
+    assert numbers["wall at 300 mm"] == 300.0
+    assert numbers["distance, noise"] == pytest.approx(math.sqrt(50.0))
+    assert numbers["wall aslant, failed readings"] == 0.0
+    assert numbers["wall aslant"] == pytest.approx(1099.5)
+
+
+def test_an_exchange_after_a_pause_says_nothing_of_the_others() -> None:
+    times_ms = [0, 50, 100, 449, 600, 1000]
+    delays_ms = [900.0, 30.0, 40.0, 50.0, 160.0, 99.0]
+    rows = [Row("hands", *pair, {}) for pair in zip(times_ms, delays_ms, strict=True)]
+    numbers = measured(SessionLog("r", {}, tuple(rows)))
+    # The first one, and the last one after 400 ms, are left out; that after 349 ms took 50 itself.
+    assert numbers["link, median"] == 45.0
+    assert numbers["link, over 150 ms"] == 25.0
+
+
+NOISY = Quantity("noise", "deg/s", "gyro_noise_deg_s")
+SPEED = Quantity("speed of left, free", "deg/s", "motor_1_scale", None)
+PITCH = Quantity("pitch at rest", "deg", "acceleration_bias_x_mm_s2", -0.01)
+AGAIN = dataclasses.replace(PITCH, name="pitch again")
+
+
+def test_a_twin_is_fitted_by_how_far_each_number_is_off() -> None:
+    base = Physics(gyro_noise_deg_s=0.0, motor_1_scale=1.1)
+    twin = {NOISY.name: 0.02, SPEED.name: 880.0, PITCH.name: 0.3, AGAIN.name: 0.3}
+    robot = {NOISY.name: 0.12, SPEED.name: 800.0, PITCH.name: 0.8, AGAIN.name: 0.0, "other": 9.0}
+    found = Comparison((NOISY, SPEED, PITCH, AGAIN), robot, twin, base)
+    fitted = found.fitted()
+    assert fitted.gyro_noise_deg_s == pytest.approx(0.1)
+    # A speed is in proportion to its parameter.
+    assert fitted.motor_1_scale == pytest.approx(1.0)
+    # What two numbers say is averaged: -50 and 30 mm/s2.
+    assert fitted.acceleration_bias_x_mm_s2 == pytest.approx(-10.0)
+    # A number as it would be with another parameter, and of the twins that are drawn.
+    assert found.at(SPEED, 1.0) == pytest.approx(800.0)
+    low, nominal, high = found.scale(PITCH)
+    ends = PARAMETERS[PITCH.parameter].random_range
+    assert (low, high) == pytest.approx((0.3 - 0.01 * ends[1], 0.3 - 0.01 * ends[0]))
+    assert low < nominal < high
+    # What a twin cannot be, it is as nearly as it can.
+    faulty = dataclasses.replace(found, robot={SPEED.name: 1e6})
+    assert faulty.fitted().motor_1_scale == PARAMETERS["motor_1_scale"].allowed_range[1]
+    assert faulty.fitted().gyro_noise_deg_s == Physics().gyro_noise_deg_s
+
+
+def test_a_bias_of_the_accelerometer_tilts_as_much_as_its_share_of_gravity() -> None:
+    known = {quantity.name: quantity for quantity in quantities(TWO_WHEELER)}
+    # A tenth of gravity, for small angles.
+    tilt_deg = math.degrees(0.1)
+    assert known["pitch at rest"].factor * 981.0 == pytest.approx(-tilt_deg, rel=1e-3)
+    assert known["roll at rest"].factor * 981.0 == pytest.approx(tilt_deg, rel=1e-3)
+    # A round trip is two intervals of the link; a share is told in percent.
+    assert known["link, median"].factor == 2.0
+    assert known["distance, failed readings"].factor == 100.0
+    speeds = [quantity.parameter for name, quantity in known.items() if name.startswith("speed")]
+    assert speeds == ["motor_1_scale", "motor_2_scale"]

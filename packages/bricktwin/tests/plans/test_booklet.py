@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 import itertools
+import math
 import re
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Circle, FancyArrowPatch, FancyBboxPatch
 from plan_lines import BEAM, PLANS, pin, plan_of, solid_volume
 
 from brickhub.errors import PlanError
@@ -18,11 +23,23 @@ from bricktwin.plans.booklet.instructions import (
     MAX_KINDS,
     MAX_PIECES,
     MIN_VISIBLE,
+    Instruction,
+    Scene,
+    _Author,
     instructions,
     kind_of,
 )
-from bricktwin.plans.booklet.pages import Item, Page, Pages
-from bricktwin.plans.booklet.picture import VIEWS, Shown, Studio, View, sprite_of
+from bricktwin.plans.booklet.pages import DPI, Item, Page, Pages, modules_of
+from bricktwin.plans.booklet.picture import (
+    VIEWS,
+    Shown,
+    Studio,
+    View,
+    _look,
+    _Palette,
+    extent,
+    sprite_of,
+)
 from bricktwin.plans.booklet.sheets import write_booklet
 from bricktwin.plans.booklet.sprite import _lines
 from bricktwin.plans.building import Occupancy
@@ -283,6 +300,332 @@ def test_a_turned_view_says_from_where_one_looks(view, words):
     figure = Figure()
     sheets._turn_mark(figure, view, (2.0, 2.0))
     assert [text.get_text() for text in figure.texts] == [words]
+
+
+def boxes_of(figure):
+    """Left, bottom, right and top of each box, inches."""
+    return [
+        (box.get_x(), box.get_y(), box.get_x() + box.get_width(), box.get_y() + box.get_height())
+        for box in figure.artists
+        if isinstance(box, FancyBboxPatch)
+    ]
+
+
+def pictures_of(figure):
+    """The same of each picture."""
+    width, height = figure.get_size_inches()
+    return [
+        (box.x0 * width, box.y0 * height, box.x1 * width, box.y1 * height)
+        for box in (axes.get_position() for axes in figure.axes)
+    ]
+
+
+def texts_of(figure):
+    """Place of each text, inches."""
+    width, height = figure.get_size_inches()
+    return {
+        text.get_text(): (text.get_position()[0] * width, text.get_position()[1] * height)
+        for text in figure.texts
+    }
+
+
+def lies_in(inner, outer, margin=0.0):
+    return (
+        inner[0] >= outer[0] + margin
+        and inner[1] >= outer[1] + margin
+        and inner[2] <= outer[2] - margin
+        and inner[3] <= outer[3] - margin
+    )
+
+
+def page_figure():
+    return Figure(figsize=(8.27, 5.83), dpi=DPI)
+
+
+SMALL = picture_of(plan_of(BEAM), zoom=0.5)
+PAPER = (0.0, 0.0, 8.27, 5.83)
+
+
+def test_an_inset_lies_in_its_box_at_the_lower_right_above_the_bars():
+    figure = page_figure()
+    scene = Scene((), VIEWS[0], (), frozenset({0}))
+    sheets._inset(figure, SMALL, scene, 0.9)
+    ((box,), (picture,)) = boxes_of(figure), pictures_of(figure)
+    wide, high = (side / DPI for side in SMALL.size)
+    assert box == pytest.approx((7.82 - wide - 0.1, 0.95, 7.92, 1.05 + high + 0.1))
+    assert picture == pytest.approx((box[0] + 0.1, box[1] + 0.1, box[2] - 0.1, box[3] - 0.1))
+    assert box[1] > 0.9 and box[2] < PAPER[2]
+
+
+def test_the_items_of_a_step_stand_one_below_the_other_in_their_box():
+    figure = page_figure()
+    items = [Item(SMALL, count, f"part {count}") for count in (2, 13, 100)]
+    sheets._item_column(figure, items)
+    (column,) = boxes_of(figure)
+    pictures, texts = pictures_of(figure), texts_of(figure)
+    assert lies_in(column, PAPER, 0.2) and len(pictures) == 3
+    for number, (item, picture) in enumerate(zip(items, pictures, strict=True)):
+        assert lies_in(picture, column)
+        count, name = texts[f"{item.count}x"], texts[item.text]
+        # Below its picture, and above that of the next item.
+        assert column[1] < count[1] == name[1] < picture[1]
+        assert number == 2 or count[1] > pictures[number + 1][3]
+        # A digit of the count is as wide as a tenth of an inch.
+        assert name[0] - count[0] == pytest.approx(0.15 + 0.1 * len(str(item.count)))
+    long = page_figure()
+    sheets._item_column(long, [Item(SMALL, 1, "Bevel gear with twenty teeth and a bush")])
+    assert "Bevel gear with [...]" in texts_of(long)
+
+
+def test_the_list_of_parts_has_rows_of_boxes_that_do_not_touch():
+    figure = page_figure()
+    items = [Item(SMALL, count, f"part {count}") for count in range(1, 14)]
+    sheets._part_list(figure, items)
+    boxes, pictures, texts = boxes_of(figure), pictures_of(figure), texts_of(figure)
+    assert len(boxes) == len(pictures) == len(items)
+    assert len({round(box[0], 6) for box in boxes}) == 6
+    for number, (item, box, picture) in enumerate(zip(items, boxes, pictures, strict=True)):
+        assert lies_in(box, PAPER, 0.1) and lies_in(picture, box)
+        for text in (f"{item.count}x", item.text):
+            x, y = texts[text]
+            assert box[0] < x < box[0] + 0.2 and box[1] < y < box[3]
+        assert texts[item.text][1] < picture[1] < texts[f"{item.count}x"][1]
+        # Those before it are to its left, or above.
+        assert all(other[2] < box[0] or box[3] < other[1] for other in boxes[:number])
+    # The second row begins below the first one.
+    assert boxes[6][0] == boxes[0][0] and boxes[6][3] < boxes[0][1]
+
+
+@pytest.mark.parametrize(
+    ("line", "modules", "width_mm", "marks"),
+    [
+        (BEAM, 5, 7.2, 5),
+        ("1 4 0 0 0 1 0 0 0 1 0 0 0 1 32525.dat", 11, 7.2, 11),
+        ("1 0 0 0 0 1 0 0 0 1 0 0 0 1 3705.dat", 4, 4.6, 3),
+    ],
+)
+def test_a_bar_is_drawn_as_large_as_the_part(line, modules, width_mm, marks):
+    (placed,) = plan_of(line).parts
+    figure = page_figure()
+    sheets._life_size(figure, placed, 0.7)
+    ((left, bottom, right, top),) = boxes_of(figure)
+    assert (right - left) * 25.4 == pytest.approx(8.0 * modules)
+    assert (top - bottom) * 25.4 == pytest.approx(width_mm)
+    assert (top + bottom) / 2 == pytest.approx(0.7)
+    assert texts_of(figure)[f"{modules}   1:1"] == pytest.approx((right + 0.08, 0.7))
+    holes = [patch for patch in figure.artists if isinstance(patch, Circle)]
+    if holes:
+        # In the middle of each module, of 4.8 mm.
+        assert [hole.center[0] for hole in holes] == pytest.approx(
+            [left + (number + 0.5) * 8.0 / 25.4 for number in range(marks)]
+        )
+        assert {round(2 * hole.radius * 25.4, 6) for hole in holes} == {4.8}
+    else:
+        lines = [mark for mark in figure.artists if isinstance(mark, Line2D)]
+        # Between the modules, from side to side.
+        assert [tuple(mark.get_xdata()) for mark in lines] == [
+            pytest.approx((left + number * 8.0 / 25.4,) * 2) for number in range(1, marks + 1)
+        ]
+        assert all(tuple(mark.get_ydata()) == pytest.approx((bottom, top)) for mark in lines)
+
+
+def test_a_bar_too_long_to_stand_beside_the_items_begins_at_the_edge():
+    lefts = {}
+    for number in ("40490", "41239", "32278"):  # 9, 13 and 15 modules
+        (placed,) = plan_of(f"1 4 0 0 0 1 0 0 0 1 0 0 0 1 {number}.dat").parts
+        figure = page_figure()
+        sheets._life_size(figure, placed, 0.7)
+        (box,) = boxes_of(figure)
+        lefts[modules_of(placed)] = box[0]
+        assert box[2] < PAPER[2] - 0.3
+    assert lefts == {9: 2.35, 13: 2.35, 15: 2.35}
+    (placed,) = plan_of("1 0 0 0 0 1 0 0 0 1 0 0 0 1 50450.dat").parts  # 32
+    figure = page_figure()
+    sheets._life_size(figure, placed, 0.7)
+    assert boxes_of(figure)[0][0] == 0.3
+
+
+@pytest.mark.parametrize("turn_deg", [40.0, -40.0, 140.0, -140.0])
+@pytest.mark.parametrize("tilt_deg", [30.0, -30.0])
+def test_the_compass_points_where_the_robots_front_and_right_are_seen(turn_deg, tilt_deg):
+    figure = page_figure()
+    sheets._compass(figure, View(turn_deg, tilt_deg), (7.0, 5.0))
+    turn, tilt = math.radians(turn_deg), math.radians(tilt_deg)
+    # From the front, the robot's right is on the left; from above, its front is below.
+    right = (math.cos(turn), -math.sin(turn) * math.sin(tilt))
+    front = (math.sin(turn), math.cos(turn) * math.sin(tilt))
+    texts = {text.get_text(): text for text in figure.texts}
+    arrows = [patch for patch in figure.artists if isinstance(patch, FancyArrowPatch)]
+    tips = [patch._posA_posB[1] for patch in arrows]
+    for name, (x, y), tip in (("right", right, tips[1]), ("front", front, tips[3])):
+        assert tip == pytest.approx((7.0 - 0.42 * x, 5.0 - 0.42 * y), abs=1e-9)
+        place = texts_of(figure)[name]
+        # Beyond the tip, on the same side, and written away from it.
+        assert math.dist(place, (7.0, 5.0)) > math.dist(tip, (7.0, 5.0))
+        assert texts[name].get_ha() == ("left" if tip[0] > 7.0 else "right")
+
+
+def test_arrows_are_dashed_and_grey_where_they_run_behind_parts():
+    wall = plan_of("1 4 0 0 0 1 0 0 0 1 0 0 0 1 3001.dat")
+    picture = picture_of(wall, View(0, 0), 2.0)
+    over, behind, above = (
+        (np.array([0.0, y, z]), np.array([0.0, y + 20.0, z]))
+        for y, z in ((0.0, 60.0), (0.0, -60.0), (-90.0, -60.0))
+    )
+    scene = Scene((), picture.view, (over, behind, above), frozenset())
+    figure = page_figure()
+    corner = sheets._put(figure, picture, None, WHITE, (4.0, 3.0))
+    sheets._arrows(figure, picture, corner, scene)
+    arrows = [patch for patch in figure.artists if isinstance(patch, FancyArrowPatch)]
+    # Each has a white one below it.
+    seen = [(arrow.get_edgecolor()[:3], arrow.get_linestyle()) for arrow in arrows[1::2]]
+    grey, bold = (0.4, 0.4, 0.4), to_rgb("#d9480f")
+    assert seen == [(bold, "-"), (grey, "--"), (bold, "-")]
+    assert [arrow.get_linewidth() - 1.6 for arrow in arrows[::2]] == pytest.approx(
+        [arrow.get_linewidth() for arrow in arrows[1::2]]
+    )
+    # As far on the page as in the picture, of 360 points to the inch.
+    (tail_x, tail_y), (tip_x, tip_y) = arrows[0]._posA_posB
+    assert (tip_x - tail_x, tip_y - tail_y) == pytest.approx((0.0, -20.0 * 2.0 / 360))
+
+
+def test_a_picture_lies_on_the_page_point_by_point():
+    figure = page_figure()
+    left, top = sheets._put(figure, SMALL, {0}, WHITE, (4.0, 3.0))
+    wide, high = SMALL.size
+    (box,) = pictures_of(figure)
+    assert box == pytest.approx((left, top - high / 360, left + wide / 360, top))
+    assert ((box[0] + box[2]) / 2, (box[1] + box[3]) / 2) == pytest.approx((4.0, 3.0))
+    x, y = SMALL.pixel_of(np.array([10.0, 5.0, 20.0]))
+    assert sheets._inches(SMALL, (left, top), np.array([10.0, 5.0, 20.0])) == pytest.approx(
+        (left + x / 360, top - y / 360)
+    )
+
+
+def test_pages_of_sub_assemblies_say_what_is_built_and_how_often(coarse):
+    scene = Scene((), VIEWS[0], (), frozenset({0}))
+    for times, title in ((1, "left leg"), (3, "left leg  ·  build it 3 times")):
+        step = Instruction((), frozenset(), ("left_leg.ldr:1",), times, "", scene)
+        figure = sheets._figure(Page("7", "", SMALL, (), step), 12)
+        assert {"7", "12", title} <= set(texts_of(figure))
+        assert figure.artists[0].get_facecolor()[:3] != WHITE
+        assert lies_in(boxes_of(figure)[0], PAPER, 0.1)
+
+
+def test_a_faded_part_is_paler_and_a_black_one_has_light_lines():
+    def looks(code):
+        bright, faded = (_look(code, is_bright=is_bright) for is_bright in (True, False))
+        # The last coat is that of a part's own lines.
+        return bright[:-1], faded[:-1], bright[-1], faded[-1]
+
+    for code in (4, 0, 15, 71):
+        bright, faded, line, faded_line = looks(code)
+        assert bright.min() >= 0.0 and bright.max() <= 1.0
+        # About half of each colour becomes nearly white.
+        assert np.ptp(faded, axis=0) == pytest.approx(0.48 * np.ptp(bright, axis=0))
+        assert faded.min() > 0.45 and (faded >= bright - 0.05).all()
+        assert faded_line.tolist() == [0.5] * 3
+        assert line.max() == line.min() == (0.5 if code == 0 else 0.1)
+    # Shade is seen on black too.
+    black, *_ = looks(0)
+    assert black.max() > 0.1
+
+
+def test_few_colours_are_kept_and_paper_keeps_its_own():
+    palette = _Palette((0.9, 0.8, 0.7))
+    first = palette.first_of(4, is_bright=True)
+    # After paper and two tones of lines; the same look has the same numbers.
+    assert first == 3 and palette.first_of(4, is_bright=True) == 3
+    second = palette.first_of(4, is_bright=False)
+    assert (
+        second - first
+        == len(_look(4, is_bright=True))
+        == palette.first_of(1, is_bright=True) - second
+    )
+    coats = np.zeros((3, 80), dtype=np.uint16)
+    coats[1] = np.arange(first, first + 80)
+    coats[2, :3] = (1, 2, second)
+    exact = palette.pixels(coats, 256)
+    assert exact.shape == (3, 80, 4) and (exact[..., 3] == 255).all()
+    assert exact[0, 0, :3].tolist() == [230, 204, 178]
+    tones = _look(4, is_bright=True)[:80]
+    assert np.abs(exact[1, :, :3] - 255 * tones).max() <= 0.5 + 1e-9
+    few = palette.pixels(coats, 16)
+    assert len(np.unique(few.reshape(-1, 4), axis=0)) <= 16
+    assert (few[0] == exact[0]).all()
+    assert np.abs(few.astype(int) - exact.astype(int)).mean() < 12
+
+
+@pytest.mark.parametrize(("turn_deg", "tilt_deg"), [(0.0, 0.0), (40.0, 30.0), (-140.0, -30.0)])
+def test_a_view_looks_from_its_turn_and_its_tilt(turn_deg, tilt_deg):
+    right, down, away = View(turn_deg, tilt_deg).axes
+    turn, tilt = math.radians(turn_deg), math.radians(tilt_deg)
+    # A plan's y points down, its z to the front, its x to the right of the robot.
+    viewer = [-math.sin(turn) * math.cos(tilt), -math.sin(tilt), math.cos(turn) * math.cos(tilt)]
+    assert -away == pytest.approx(viewer)
+    assert right == pytest.approx([-math.cos(turn), 0.0, -math.sin(turn)])
+    assert down == pytest.approx(np.cross(away, right)) and down[1] > 0
+
+
+def test_a_picture_is_as_large_as_its_parts_with_a_margin():
+    plan = plan_of("1 4 0 0 0 1 0 0 0 1 0 0 0 1 3001.dat")
+    shown = [Shown(plan.parts[0], np.zeros(3))]
+    width, height = extent(shown, View(0, 0))
+    # 4 x 2 studs are 80 by 40, 24 high; only the picture has the studs too, of 4.
+    assert (width, height) == pytest.approx((80.0, 24.0))
+    assert extent(shown, View(90, 0)) == pytest.approx((40.0, 24.0))
+    moved = [*shown, Shown(plan.parts[0], np.array([100.0, 0.0, 0.0]))]
+    assert extent(moved, View(0, 0))[0] == pytest.approx(180.0)
+    picture = Studio().picture(shown, View(0, 0), 2.0, margin=7)
+    assert picture.size == pytest.approx((2 * 80 + 14, 2 * 28 + 14), abs=2)
+    rows, columns = np.nonzero(picture.owner == 0)
+    assert (columns.min(), rows.min()) == (7, 7)
+    assert picture.alone == {0: len(rows)} and picture.visible([0]) == 1.0
+    # A point of the plan is where its pixel is: a corner of the brick.
+    x, y = picture.pixel_of(np.array([-40.0, 24.0, 20.0]))
+    assert (round(x), round(y)) == (columns.max() + 1, rows.max() + 1)
+
+
+@pytest.mark.parametrize(
+    ("visible", "chosen", "hidden"),
+    [
+        # Enough in the default view: no other one is tried.
+        ({0: (0.9, 0.95)}, 0, []),
+        # The view in which the least visible item is seen best.
+        ({0: (0.1, 0.9), 1: (0.6, 0.6), 2: (0.05, 1.0)}, 1, []),
+        ({0: (0.3, 0.3), 1: (0.0, 1.0), 3: (0.75, 0.8)}, 3, []),
+        # It is not turned for little, and what no view shows is told.
+        ({0: (0.4, 0.4), 1: (0.44, 0.44)}, 0, []),
+        ({0: (0.0, 0.9)}, 0, [(4,)]),
+    ],
+)
+def test_a_step_is_seen_from_where_its_most_hidden_item_is_seen_best(visible, chosen, hidden):
+    class Trial:
+        def __init__(self, view):
+            self.shares = visible.get(VIEWS.index(view), (0.0, 0.0))
+
+        def visible(self, item):
+            return self.shares[0 if item == (4,) else 1]
+
+    tried = []
+
+    def picture(shown, view, zoom):
+        tried.append(view)
+        return Trial(view)
+
+    author = _Author.__new__(_Author)
+    author.studio = SimpleNamespace(picture=picture)
+    author.view = VIEWS[0]
+    author._apart = lambda moves, before: ([], ())
+    moves = [SimpleNamespace(parts=(4, 7), items=((4,), (7,)))]
+    scene, unseen = author._best_scene(moves, frozenset())
+    assert VIEWS.index(scene.view) == chosen and unseen == hidden
+    assert scene.bright == {4, 7} and tried[0] is VIEWS[0]
+    assert (len(tried) == 1) is (visible[0][0] > 0.45)
+    # That of the step before comes second.
+    author.view, tried[:] = VIEWS[5], []
+    author._best_scene(moves, frozenset())
+    assert len(tried) == 1 or tried[1] is VIEWS[5]
 
 
 @pytest.mark.slow

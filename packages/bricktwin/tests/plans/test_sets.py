@@ -2,14 +2,24 @@
 
 from __future__ import annotations
 
+import csv
 from collections import Counter
 from pathlib import Path
 
 import pytest
-from plan_lines import BEAM, PLANS, plan_of
+from plan_lines import BEAM, PLANS, pin, plan_of
 
+from brickhub.errors import PlanError
 from bricktwin.plans.assemblies import components
-from bricktwin.plans.booklet.parts_list import needs, purchases, sets
+from bricktwin.plans.booklet.parts_list import (
+    as_text,
+    needs,
+    owned,
+    parts_list,
+    purchases,
+    sets,
+    still_needed,
+)
 from bricktwin.plans.plan import read_plan
 
 HUB = "1 15 0 0 0 1 0 0 0 1 0 0 0 1 67718.dat"
@@ -132,3 +142,70 @@ def test_inventories():
         "45560": 736,
     }
     assert [one.number for one in sets() if not one.is_listed] == ["51515", "17101"]
+
+
+BLUE_BEAM = BEAM.replace("1 4 ", "1 1 ", 1)
+FEW = plan_of(HUB, pin(0, 0, 0), pin(0, 0, 20), pin(0, 0, 40), BEAM, BLUE_BEAM, BLUE_BEAM)
+
+
+def test_parts_are_listed_by_family_the_heaviest_first_and_then_by_count():
+    entries = parts_list(FEW)
+    assert [(entry.part.number, entry.colour.code, entry.count) for entry in entries] == [
+        ("67718", 15, 1),
+        ("32316", 1, 2),
+        ("32316", 4, 1),
+        ("2780", 0, 3),
+    ]
+    beams = entries[1]
+    assert beams.mass_g == pytest.approx(2 * beams.part.mass_g)
+    # A device that is sold singly has LEGO's number of that, and a beam its own.
+    assert entries[0].shop_number == entries[0].part.device.sold_as != "67718"
+    assert beams.shop_number == "32316"
+
+
+def test_lists_for_shops_have_their_heads_and_colours():
+    entries = parts_list(FEW)
+    heads, *rows = csv.reader(as_text(entries, "csv").splitlines())
+    assert heads == ["number", "name", "colour", "count", "mass_g", "mass_source"]
+    assert len(rows) == 4
+    number, name, colour, count, mass_g, _ = rows[1]
+    assert (number, name, colour, count) == ("32316", "Beam 5", entries[1].colour.name, "2")
+    assert float(mass_g) == pytest.approx(entries[1].mass_g, abs=5e-4)
+    head, *rows = as_text(entries, "rebrickable").splitlines()
+    assert head == "Part,Color,Quantity"
+    assert rows[1] == f"32316,{entries[1].colour.rebrickable},2"
+    first, *items, last = as_text(entries, "bricklink").splitlines()
+    assert (first, last) == ("<INVENTORY>", "</INVENTORY>") and len(items) == 4
+    colour = f"<COLOR>{entries[1].colour.bricklink}</COLOR>"
+    item = f"<ITEMTYPE>P</ITEMTYPE><ITEMID>32316</ITEMID>{colour}<MINQTY>2</MINQTY>"
+    assert items[1].strip() == f"<ITEM>{item}</ITEM>"
+    assert entries[1].colour.bricklink and entries[1].colour.rebrickable
+
+
+@pytest.mark.parametrize(
+    ("missing", "counts"),
+    [
+        ({}, []),
+        ({"32316": 1}, [("32316", 1, 1)]),
+        # What is missing may have any of its colours: first that which is needed most.
+        ({"32316": 3}, [("32316", 1, 2), ("32316", 4, 1)]),
+        ({"32316": 9, "2780": 2}, [("32316", 1, 2), ("32316", 4, 1), ("2780", 0, 2)]),
+        ({"3001": 5}, []),
+    ],
+)
+def test_of_a_list_what_is_missing_is_still_needed(missing, counts):
+    found = still_needed(parts_list(FEW), Counter(missing))
+    assert [(entry.part.number, entry.colour.code, entry.count) for entry in found] == counts
+
+
+def test_sets_that_somebody_has_may_be_several_of_one():
+    number = "45678"
+    (once,) = [one for one in sets() if one.number == number]
+    have = once.parts["32316"]
+    many = plan_of(*[BEAM] * (have + 2))
+    alone, twice = owned(many, [number]), owned(many, [number, number])
+    assert (alone.present, alone.missing) == (have, Counter({"32316": 2}))
+    assert twice.missing == Counter({"32316": 2 - min(2, have)})
+    assert owned(many, []).missing == Counter({"32316": have + 2})
+    with pytest.raises(PlanError, match="there is no inventory of set '51515'; name sets of 45678"):
+        owned(many, [number, "51515"])

@@ -137,8 +137,15 @@ def test_a_world_s_file_has_physics_and_drawing(site: tuple[Path, list[dict[str,
         assert is_behind is (world["name"] != "open floor")
     # Meshes of the robot itself are stored once.
     assert all(isinstance(mesh, int) for mesh in files[0]["drawing"]["meshes"])
-    lessons = {world["name"]: world["lesson"] for world in driver["worlds"]}
-    assert lessons["wall"] is not None
+    # What it can learn there; nobody has to hold it upright.
+    goals = {
+        (robot["name"], world["name"]): world["lesson"] and world["lesson"]["goal"]
+        for robot in index
+        for world in robot["worlds"]
+    }
+    assert {place: goal for place, goal in goals.items() if goal} == {
+        ("two-wheeler", "wall"): "stop"
+    }
 
 
 def test_fewer_worlds_of_a_robot_are_ours_alone() -> None:

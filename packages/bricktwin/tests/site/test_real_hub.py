@@ -5,15 +5,18 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 from played_page import PlayedPage
 
+from brickhub.errors import DescriptionError
 from brickhub.hub.program.generate import generate_trials
-from brickhub.hub.transports.profile import Status
-from brickhub.robot import Robot
+from brickhub.hub.transports.connection import HubIdentity
+from brickhub.hub.transports.profile import Capabilities, Feature, Status
+from brickhub.robot import HubKind, Motor, Robot
 from brickhub.virtual.body import Body
 from bricktwin.robots import SCOUT, TWO_WHEELER, WALKER
 from bricktwin.robots.as_drawn import robot_as_drawn
@@ -317,3 +320,30 @@ def test_speed_is_known_though_the_sensor_now_and_then_sees_nothing() -> None:
     way_mm[6] = 700.0
     assert approach_speed(way_mm, lesson) == pytest.approx(80.0, abs=1.0)
     assert approach_speed([2000.0] * 11, lesson) == 0.0
+
+
+def identity(kind: HubKind) -> HubIdentity:
+    return HubIdentity("hub", "page", kind, "4.0.0", (1, 5), Capabilities(512, Feature(0), 1, 1))
+
+
+@pytest.mark.parametrize("kind", [HubKind.PRIME, HubKind.TECHNIC, HubKind.ESSENTIAL])
+def test_a_robot_is_taken_as_built_on_the_hub_that_is_connected(kind: HubKind) -> None:
+    motors = (Motor("left", "A"), Motor("right", "B"))
+    drawn = Robot("cart", HubKind.PRIME, motors, needs_imu=True)
+    built = real_hub._on_hub(drawn, identity(kind))
+    assert built == replace(drawn, hub=kind)
+
+
+@pytest.mark.parametrize(
+    ("robot", "kind", "message"),
+    [
+        (SCOUT, HubKind.CITY, "a city hub has ports A, B"),
+        (Robot("dizzy", HubKind.PRIME, needs_imu=True), HubKind.CITY, "a city hub has no IMU"),
+        (Robot("drawn", HubKind.PRIME, plan="drawn.ldr"), HubKind.PRIME, "was not read"),
+    ],
+)
+def test_a_connected_hub_that_lacks_what_the_robot_needs_is_refused(
+    robot: Robot, kind: HubKind, message: str
+) -> None:
+    with pytest.raises(DescriptionError, match=message):
+        real_hub._on_hub(robot, identity(kind))

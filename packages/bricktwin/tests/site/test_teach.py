@@ -4,15 +4,26 @@ browser."""
 from __future__ import annotations
 
 import json
+import math
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from brickhub.robot import Robot
+from brickhub.errors import DescriptionError
+from brickhub.robot import HubKind, Motor, Robot
+from brickhub.robot.line_edge import LineEdge
 from bricktwin.robots import CART, EV3_DRIVER, ROBO_ARM, SCOUT, TWO_WHEELER, WALKER
 from bricktwin.robots.as_drawn import robot_as_drawn
 from bricktwin.site.tab import lessons, trial
-from bricktwin.site.tab.lessons import Record, ahead_mm, lesson_for, walking_speed
+from bricktwin.site.tab.lessons import (
+    Record,
+    ahead_mm,
+    lesson_for,
+    speed_at_edge,
+    uprightness,
+    walking_speed,
+)
 from bricktwin.site.tab.run import STOPPED_EXIT_CODE
 from bricktwin.site.tab.teach import teach_in_tab
 from bricktwin.twin.body import TwinBody
@@ -160,6 +171,85 @@ def test_speed_counts_the_way_ahead_once_it_has_settled() -> None:
     poses = [Pose(0.0, 0.0, 0.0)] * 4
     poses += [Pose(0.02 * step, 0.1, 0.0) for step in range(1, 8)]
     assert walking_speed(Record(poses=poses)) == pytest.approx(80.0)
+
+
+def test_a_step_upright_is_worth_more_near_where_it_began() -> None:
+    def score(*angles_deg: float) -> float:
+        return uprightness(Record(observed=[(0.0, 0.0, angle, 0.0) for angle in angles_deg]))
+
+    # All steps, at the place; wheels of a real robot have turned before.
+    assert score(*[700.0] * 251) == pytest.approx(100.0)
+    assert score(*[700.0] * 126) == pytest.approx(50.0), "those after a fall have no points"
+    # Very far away, half of them; a turn away to either side, half and a third of the other half.
+    assert score(0.0, *[1e6] * 250) == pytest.approx(50.0)
+    for angle_deg in (360.0, -360.0):
+        assert score(0.0, *[angle_deg] * 250) == pytest.approx(50.0 * (1 + math.exp(-1.0)))
+    assert math.isnan(score(0.0)) and math.isnan(score())
+
+
+def test_a_way_counts_as_far_as_the_sensor_is_near_the_edge() -> None:
+    edge = LineEdge(10.0, 74.0)  # 42 on the edge, 30 beside it only line or floor
+
+    def speed(*steps: tuple[float, float]) -> float:
+        return speed_at_edge(Record(observed=list(steps)), edge)
+
+    # 10 mm in each step of 50 ms are 200 mm/s.
+    assert speed((0.0, 5.0), (42.0, 15.0), (42.0, 25.0)) == pytest.approx(200.0)
+    assert speed((42.0, 0.0), (57.0, 10.0)) == pytest.approx(100.0)
+    assert speed((42.0, 0.0), (27.0, 10.0)) == pytest.approx(100.0)
+    assert speed((42.0, 0.0), (72.0, 10.0), (99.0, 20.0), (0.0, 30.0)) == 0.0
+    # Backwards it loses what it had.
+    assert speed((42.0, 0.0), (42.0, 10.0), (42.0, 0.0)) == pytest.approx(0.0)
+    assert math.isnan(speed((42.0, 0.0))) and math.isnan(speed())
+
+
+@pytest.mark.parametrize(
+    ("robot", "where", "goal", "unit", "trial_s", "ends"),
+    [
+        (WALKER, "open floor", "walk", "mm/s", 2.5, [(-1.0, 1.0), (0.0, 360.0)]),
+        (TWO_WHEELER, "wall", "stop", "points", 4.0, [(0.0, 800.0), (0.0, 6.0)]),
+        (SCOUT, "line-gaps", "follow", "mm/s", 4.0, [(0.0, 250.0), (-5.0, 5.0)]),
+        (SCOUT, "line-simple", "follow", "mm/s", 4.0, [(0.0, 250.0), (-5.0, 5.0)]),
+    ],
+)
+def test_a_page_knows_what_is_learned_by_which_numbers(
+    robot: Robot,
+    where: str,
+    goal: str,
+    unit: str,
+    trial_s: float,
+    ends: list[tuple[float, float]],
+) -> None:
+    lesson = lesson_for(robot, where)
+    assert lesson is not None
+    described = lessons.described(lesson)
+    assert (described["goal"], described["unit"], described["trial_s"]) == (goal, unit, trial_s)
+    numbers = described["numbers"]
+    assert [(number["low"], number["high"]) for number in numbers] == ends
+    assert all(number["name"] for number in numbers)
+    # Where they score more the later they fall, a fall is no worse than its score.
+    assert not lesson.falls_late
+
+
+def test_who_lacks_what_a_goal_needs_is_told() -> None:
+    held = lesson_for(BALANCER, "wall", is_held=True)
+    assert held is not None and held.falls_late and held.steps * held.step_ms == 5000
+    assert len(held.labels) == len(held.structure.numbers) == 5
+    blind = replace(TWO_WHEELER, sensors=())
+    for make, robot, says in (
+        (lessons.stop_before_wall, blind, "sees no wall; give it an ultrasonic sensor"),
+        (lessons.keep_upright, replace(TWO_WHEELER, needs_imu=False), "does not measure how it"),
+        (lessons.follow_line, blind, "follows no line by itself; give it a hub and a color sensor"),
+        (lessons.follow_line, CART, "follows no line by itself"),
+    ):
+        with pytest.raises(DescriptionError, match=says):
+            make(robot)
+    # A motor with end stops turns not all around, and one that does beside it is a turntable.
+    turntable = Robot(
+        "crane", HubKind.PRIME, (Motor("table", "A"), Motor("boom", "B", end_stops_deg=(-9, 9)))
+    )
+    with pytest.raises(DescriptionError, match="need motors that turn"):
+        lessons.walk(turntable)
 
 
 @pytest.mark.slow

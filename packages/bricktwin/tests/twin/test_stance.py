@@ -1,11 +1,21 @@
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import Any
+
 import mujoco
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bricktwin.twin.stance import standing_pose
+from brickhub.errors import TwinError
+from bricktwin.twin.engines.conventions import FLOOR_GROUP, OBSTACLE_GROUP, SHAPE_GROUP
+from bricktwin.twin.engines.engine import Touch
+from bricktwin.twin.engines.mujoco_engine import MujocoEngine
+from bricktwin.twin.objects import Ball, Field, Wall
+from bricktwin.twin.scene import Scene
+from bricktwin.twin.stance import Feet, refuse_overlap, standing_pose
 
 CORNERS = np.array([[0.06, 0.06], [0.06, -0.06], [-0.06, 0.06], [-0.06, -0.06]])
 CENTRE = np.array([0.003, 0.001, 0.0])
@@ -69,3 +79,104 @@ def test_of_two_stances_the_lower_is_taken() -> None:
     points, centre, _ = on_the_floor([-0.09, -0.09, -0.09, -0.08])
     assert points[3, 2] < 1e-9
     assert 0.089 < centre[2] < 0.09
+
+
+def test_feet_touch_with_the_balls_at_their_ends_or_the_corners_of_their_boxes() -> None:
+    spec = mujoco.MjSpec()
+    leg = spec.worldbody.add_body(pos=[1.0, 0.0, 0.0], quat=[0.5**0.5, 0.0, 0.5**0.5, 0.0])
+    geom = mujoco.mjtGeom
+    leg.add_geom(type=geom.mjGEOM_SPHERE, size=[0.02, 0.0, 0.0], pos=[0.0, 0.1, 0.0])
+    leg.add_geom(type=geom.mjGEOM_CAPSULE, size=[0.01, 0.03, 0.0])
+    leg.add_geom(type=geom.mjGEOM_BOX, size=[0.01, 0.02, 0.03], pos=[0.0, 0.0, 0.1])
+    engine = MujocoEngine(spec.compile())
+    engine.forward()
+    found = {
+        (*(round(value, 6) + 0.0 for value in point), round(radius, 6))
+        for point, radius in Feet(engine, [0, 1, 2]).points_m()
+    }
+    # The leg is turned: its z axis is x of the world, and its x axis is -z.
+    corners = {
+        (1.1 + x, y, z, 0.0) for x in (-0.03, 0.03) for y in (-0.02, 0.02) for z in (-0.01, 0.01)
+    }
+    balls = {(1.0, 0.1, 0.0, 0.02), (1.03, 0.0, 0.0, 0.01), (0.97, 0.0, 0.0, 0.01)}
+    assert found == balls | {tuple(round(value, 6) for value in corner) for corner in corners}
+
+
+@pytest.mark.parametrize(
+    ("points", "height"),
+    [
+        ([[0.0, 0.0, -0.1], [0.1, 0.0, -0.2], [0.2, 0.0, -0.3]], 0.3),
+        ([[0.0, 0.0, -0.1], [0.1, 0.0, -0.05]], 0.1),
+    ],
+)
+def test_what_no_three_feet_carry_stays_upright_on_the_lowest(points: Any, height: float) -> None:
+    assert standing_pose(points, (0.0, 0.0, 0.0)) == ((1.0, 0.0, 0.0, 0.0), height)
+
+
+def test_of_very_many_points_the_highest_are_no_feet() -> None:
+    above = [[0.01 * number, 0.02 * number**2, 0.1] for number in range(60)]
+    quaternion, height = standing_pose(above + feet([-0.09] * 4).tolist(), CENTRE)
+    assert quaternion == (1.0, 0.0, 0.0, 0.0) and height == pytest.approx(0.09)
+
+
+GROUPS = {"floor": FLOOR_GROUP, "wall": OBSTACLE_GROUP, "object_0": OBSTACLE_GROUP}
+GROUPS |= {"object_1": OBSTACLE_GROUP, "": OBSTACLE_GROUP, "leg": SHAPE_GROUP}
+NAMES = list(GROUPS)
+
+
+def touching(first: str, second: str, distance_m: float) -> Any:
+    touch = Touch(NAMES.index(first), NAMES.index(second), distance_m)
+    harmless = Touch(NAMES.index("leg"), NAMES.index("floor"), -0.5)
+    return SimpleNamespace(
+        touches=lambda: [harmless, touch],
+        indices=lambda field: list(GROUPS.values()),
+        names=lambda kind: NAMES,
+    )
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "distance_m", "is_refused"),
+    [
+        ("leg", "wall", -0.01, True),
+        ("wall", "leg", -0.01, True),
+        ("leg", "wall", -0.007, False),
+        ("leg", "wall", 0.02, False),
+        ("leg", "floor", -0.05, False),
+        ("leg", "leg", -0.05, False),
+        ("object_0", "object_1", -0.05, False),
+        ("object_0", "floor", -0.05, False),
+    ],
+)
+def test_only_a_robot_deep_in_an_obstacle_is_refused(
+    first: str, second: str, distance_m: float, is_refused: bool
+) -> None:
+    engine = touching(first, second, distance_m)
+    if is_refused:
+        with pytest.raises(TwinError, match="a robot would start inside of wall; narrow the place"):
+            refuse_overlap(engine)
+    else:
+        refuse_overlap(engine)
+
+
+@pytest.mark.parametrize(
+    ("obstacle", "scene", "words"),
+    [
+        # The user knows an object as it was written; what lies flat counts not.
+        (
+            "object_1",
+            Scene(objects=(Ball((9.0, 0.0)), Field((0.0, 0.0), (5.0, 5.0)), Wall((1, 2), (3, 4)))),
+            r"Wall\(from_mm=\(1, 2\).*; move that, or change start_mm or heading_deg",
+        ),
+        (
+            "wall",
+            Scene(wall_distance_mm=(100.0, 200.0)),
+            "wall; move that, or change wall_distance_mm or heading_deg",
+        ),
+        ("", None, "an obstacle; narrow the place of the robot"),
+    ],
+)
+def test_an_obstacle_at_the_start_is_named_with_what_helps(
+    obstacle: str, scene: Scene | None, words: str
+) -> None:
+    with pytest.raises(TwinError, match=f"^a robot would start inside of {words}"):
+        refuse_overlap(touching("leg", obstacle, -0.02), scene)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,14 @@ from PIL import Image
 
 from brickhub.errors import TwinError
 from bricktwin.twin.floor_picture import read_picture
-from bricktwin.worlds.straighten import looks_turned, ordered, straightened
+from bricktwin.worlds.straighten import (
+    _bilinear,
+    corners_page,
+    looks_turned,
+    ordered,
+    plane_through,
+    straightened,
+)
 
 SIZE_MM = (300.0, 200.0)
 CORNERS = [(210.0, 130.0), (840.0, 90.0), (960.0, 620.0), (60.0, 690.0)]
@@ -165,3 +173,100 @@ def test_faults_of_photographs_are_said_in_a_line(tmp_path: Path) -> None:
         assert "\n" not in str(raised.value)
     with pytest.raises(TwinError, match="too large for a picture"):
         straightened(small, CORNERS, (10_000.0, 10_000.0))
+
+
+@pytest.mark.parametrize("scale", [1.0, 100.0])
+@pytest.mark.parametrize(("bend_deg", "is_corner"), [(2.5, False), (3.5, True), (-3.5, False)])
+def test_a_flat_corner_is_none_however_large_the_photograph(
+    scale: float, bend_deg: float, is_corner: bool
+) -> None:
+    bend = math.radians(bend_deg)
+    corners = [
+        (-10.0, 0.0),
+        (0.0, 0.0),
+        (10.0 * math.cos(bend), 10.0 * math.sin(bend)),
+        (0.0, 20.0),
+    ]
+    scaled = [(900.0 + scale * x, 70.0 + scale * y) for x, y in corners]
+    if is_corner:
+        assert ordered(scaled) == scaled
+    else:
+        with pytest.raises(TwinError, match="give the four corners of the mat"):
+            ordered(scaled)
+
+
+def test_corners_of_a_mat_on_its_edge_go_round_clockwise() -> None:
+    diamond = [(500.0, 100.0), (800.0, 400.0), (500.0, 700.0), (200.0, 400.0)]
+    for order in itertools.permutations(diamond[1:]):
+        assert ordered([diamond[0], *order]) == diamond
+
+
+def test_a_plane_takes_straight_lines_to_straight_lines() -> None:
+    """By the solution of eight equations; a parallelogram has no perspective."""
+    plane = plane_through(np.array(CORNERS))
+    rows, values = [], []
+    for (x, y), (u, v) in zip([(0, 0), (1, 0), (1, 1), (0, 1)], CORNERS, strict=True):
+        rows += [[x, y, 1, 0, 0, 0, -u * x, -u * y], [0, 0, 0, x, y, 1, -v * x, -v * y]]
+        values += [u, v]
+    a, b, c, d, e, f, g, h = np.linalg.solve(np.array(rows, float), np.array(values))
+    across, down = np.array([0.0, 0.3, 1.0]), np.array([0.0, 0.25, 0.9, 1.0])
+    x, y = plane.at(across, down)
+    assert x.shape == y.shape == (4, 3)
+    share, below = np.meshgrid(across, down)
+    scale = g * share + h * below + 1
+    assert x == pytest.approx((a * share + b * below + c) / scale)
+    assert y == pytest.approx((d * share + e * below + f) / scale)
+    aslant = plane_through(np.array([(10.0, 20.0), (110.0, 30.0), (90.0, 80.0), (-10.0, 70.0)]))
+    x, y = aslant.at(np.array([0.5]), np.array([0.5]))
+    assert (x[0, 0], y[0, 0]) == pytest.approx((50.0, 50.0))
+
+
+def test_between_the_middles_of_pixels_colours_are_mixed() -> None:
+    pixels = np.zeros((2, 3, 3), dtype=np.uint8)
+    pixels[0] = [[0, 0, 10], [100, 0, 20], [200, 0, 30]]
+    pixels[1] = [[40, 0, 0], [40, 80, 0], [40, 160, 0]]
+
+    def at(x: float, y: float) -> list[float]:
+        return _bilinear(pixels, np.array([[x]]), np.array([[y]]))[0, 0].tolist()
+
+    assert at(0.5, 0.5) == [0.0, 0.0, 10.0] and at(2.5, 1.5) == [40.0, 160.0, 0.0]
+    assert at(1.0, 0.5) == [50.0, 0.0, 15.0] and at(1.75, 0.5) == [125.0, 0.0, 22.5]
+    assert at(0.5, 1.0) == [20.0, 0.0, 5.0] and at(2.0, 1.25) == [67.5, 90.0, 6.25]
+    # Beyond the middles of the last pixels, these go on.
+    assert at(0.0, 0.0) == at(-3.0, 0.2) == [0.0, 0.0, 10.0]
+    assert at(3.0, 2.0) == at(9.0, 9.0) == [40.0, 160.0, 0.0]
+
+
+def test_a_photograph_of_one_colour_keeps_it_up_to_its_edges(tmp_path: Path) -> None:
+    path = saved(Image.new("RGB", (90, 60), (7, 100, 201)), tmp_path)
+    edges = [(0.0, 0.0), (90.0, 0.0), (90.0, 60.0), (0.0, 60.0)]
+    picture = straightened(path, edges, (45.0, 30.0))
+    assert picture.size == (45, 30) and (np.asarray(picture) == (7, 100, 201)).all()
+    for beyond in ((-0.5, 0.0), (90.5, 0.0), (0.0, 60.5), (0.0, -0.5)):
+        with pytest.raises(TwinError, match="is outside of"):
+            straightened(path, [beyond, *edges[1:]], (45.0, 30.0))
+
+
+def test_the_light_of_nine_by_nine_pixels_becomes_white(tmp_path: Path) -> None:
+    image = Image.new("RGB", (60, 40), (100, 100, 100))
+    image.paste((200, 150, 100), (16, 16, 25, 25))
+    path = saved(image, tmp_path)
+    edges = [(0.0, 0.0), (60.0, 0.0), (60.0, 40.0), (0.0, 40.0)]
+    picture = straightened(path, edges, (60.0, 40.0), white=(20.0, 20.9))
+    assert picture.getpixel((20, 20)) == (255, 255, 255)
+    assert picture.getpixel((50, 5)) == pytest.approx((127.5, 170, 255), abs=0.6)
+    # At the edge of the photograph, of what there is.
+    corner = straightened(path, edges, (60.0, 40.0), white=(60.0, 40.0))
+    assert corner.getpixel((0, 0)) == (255, 255, 255)
+
+
+def test_a_page_to_click_corners_has_the_photograph_and_the_command(tmp_path: Path) -> None:
+    path = saved(photo(), tmp_path, "my <mat>.png")
+    page = corners_page(path, "straighten 'a \"b\"'", "--out <mat>.png")
+    assert f'src="{path.resolve().as_uri()}"' in page
+    assert 'data-before="straighten &#x27;a &quot;b&quot;&#x27;"' in page
+    assert 'data-after="--out &lt;mat&gt;.png"' in page and "my &lt;mat&gt;.png" in page
+    # What a script writes as `${...}` is left to it.
+    assert "${command.dataset.before}" in page and "$photo" not in page
+    with pytest.raises(TwinError, match="there is no photograph"):
+        corners_page(tmp_path / "none.png", "", "")

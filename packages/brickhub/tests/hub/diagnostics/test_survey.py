@@ -122,3 +122,33 @@ def test_survey_twice_over_bluetooth_downloads_once(world: World) -> None:
     world.hub.library.append("from pybricks.tools import wait\nwhile True:\n    wait(10)\n")
     bounded(lambda: run(transport, HubProgram(world.hub.library[-1], 7), 0.5), HubTimeoutError, 6.0)
     assert not world.hub.is_running
+
+
+def test_survey_angle_is_that_behind_the_gears() -> None:
+    hub = VirtualHub(BenchArm())
+    shaft_deg = -70.0 * 360.0 / ROBO_ARM.motor("high").turn_deg
+    for gears in ((), (12, 36), (20, 12, 16)):
+        geared = dataclasses.replace(ROBO_ARM.motor("high"), gears=gears, range_deg=None)
+        found = survey(hub, dataclasses.replace(ROBO_ARM, motors=(geared,)))
+        wanted_deg = shaft_deg * geared.turn_deg / 360.0
+        assert found.angles_deg["high"] == pytest.approx(wanted_deg, abs=1)
+
+
+@pytest.mark.parametrize(
+    ("sides", "tilt_deg"),
+    [
+        ((), (0, 0)),
+        # A hub on the bench lies on its back: this robot looks up, that one lies on its right.
+        (("ahead", "down"), (-90, 0)),
+        (("left", "up"), (0, 90)),
+    ],
+)
+def test_survey_programs_know_how_the_hub_is_mounted(
+    sides: tuple[str, ...], tilt_deg: tuple[int, int]
+) -> None:
+    robot = dataclasses.replace(TWO_WHEELER, needs_imu=True, hub_sides=sides)
+    source = survey_program(robot).source
+    assert ("import Axis, Direction, Port" in source) is bool(sides)
+    assert ("Axis." in source) is bool(sides)
+    found = survey(VirtualHub(BenchBody(robot)), robot)
+    assert (found.pitch_deg, found.roll_deg) == tilt_deg

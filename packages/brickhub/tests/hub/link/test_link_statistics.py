@@ -56,3 +56,17 @@ def test_a_clock_of_16_bits_goes_on_and_an_age_is_between_its_bounds() -> None:
     # Bounds that contradict each other, as clocks drift: the upper one counts.
     clock.compare(3000, 14.0, 14.5)
     assert clock.age_s(3000, 14.0) == pytest.approx(0.5)
+
+
+def test_clocks_are_compared_by_the_last_200_exchanges_alone() -> None:
+    """The hub's clock loses a millisecond in each exchange, which no older one may outweigh."""
+    clock = HubClock()
+    for number in range(500):
+        clock.compare(1000, 10.0 + 0.001 * number, 10.1 + 0.001 * number)
+    # The tightest bounds of exchanges 300 to 499: not before 10.499 s, arrived by 10.4 s.
+    assert clock.age_s(1000, 11.0) == pytest.approx(0.6)
+    clock = HubClock()
+    for number in range(500):
+        clock.compare(1000, 10.0 - 0.001 * number, 11.0 - 0.001 * number)
+    # Not before 9.7 s, arrived by 10.501 s.
+    assert clock.age_s(1000, 11.0) == pytest.approx(11.0 - (9.7 + 10.501) / 2)

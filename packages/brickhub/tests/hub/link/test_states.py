@@ -55,3 +55,11 @@ def test_only_an_open_link_is_armed() -> None:
 
 def test_documentation_has_state_table() -> None:
     assert markdown() in LINK_DOC
+    head, _, *rows = markdown().splitlines()
+    assert len(rows) == len(Cause)
+    for row, cause in zip(rows, Cause, strict=True):
+        assert row.count(" | ") == head.count(" | ")
+        assert row.startswith(f"| {cause.value.event} | ")
+        assert row.endswith(f" | {cause.value.host} | {cause.value.hub} |")
+    (armed,) = [row for row in rows if "the program ended because it had not heard" in row]
+    assert "| READY, ARMED | FAULT | `SilentHubError` |".lower() in armed.lower()

@@ -221,3 +221,15 @@ async def patient():
 run_task(multitask(polite(), patient()))
 """
     assert output(source) == "True\n50"
+
+
+@pytest.mark.parametrize("time", ["0", "-100", "0.4"])
+def test_waits_for_nothing_take_no_time_but_many_of_them_do(time: str) -> None:
+    """Else a program that does nothing else would never end."""
+    few, many = (
+        tool(
+            f"watch = StopWatch()\nfor _ in range({count}):\n    wait({time})\nprint(watch.time())"
+        )
+        for count in (10, 5000)
+    )
+    assert int(few) == 0 < int(many)

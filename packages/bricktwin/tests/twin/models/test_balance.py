@@ -2,24 +2,32 @@
 
 from __future__ import annotations
 
+import math
+import re
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
+import numpy as np
 import pytest
 
 from brickhub.finding import Outcome
 from bricktwin.plans import ldraw_file
+from bricktwin.plans.geometry import Form, rotation
 from bricktwin.plans.mechanism.motor_role import Role
 from bricktwin.plans.mechanism.roles import roles_of
 from bricktwin.plans.plan import Plan, make_plan, read_plan
 from bricktwin.plans.planned_robot import planned_as_drawn, planned_robot
 from bricktwin.robots import plans
+from bricktwin.twin.models import balance
 from bricktwin.twin.models.balance import (
     Balance,
     lean_on_one_axle_deg,
     plan_balance,
     plan_stance,
 )
+from bricktwin.twin.models.feet import Shape
 
 OURS = sorted(Path(plans.__path__[0]).glob("*.ldr"))
 DRAWN = Path(__file__).parents[5] / "examples"
@@ -45,9 +53,9 @@ def without(path: Path, *numbers: str) -> Plan:
 
 
 def fault_of(plan: Plan) -> str:
-    balance = plan_balance(plan)
-    assert balance is not None
-    (finding,) = balance.findings
+    found = plan_balance(plan)
+    assert found is not None
+    (finding,) = found.findings
     assert finding.name == "balance"
     assert "\n" not in finding.detail
     return finding.detail
@@ -144,3 +152,113 @@ def test_robot_whose_mass_is_above_the_edge_is_not_beyond_it() -> None:
     above = replace(STANDS, inside_mm=0.2, tilt_deg=16.0)
     assert above.fault is not None
     assert "60 mm high, is right above the edge of its feet; move the hub" in above.fault
+
+
+def post(ahead_mm: float, left_mm: float, half_height_mm: float = 50.0) -> Shape:
+    """A thin post from the floor up, of a body that does not turn."""
+    centre_m = np.array([ahead_mm, left_mm, half_height_mm]) / 1000
+    return Shape(0, 0, Form.BOX, centre_m, np.eye(3), np.array([0.0, 0.0, half_height_mm]) / 1000)
+
+
+FOUR = [post(x, y) for x in (100.0, -60.0) for y in (40.0, -50.0)]
+DOWN = np.array([0.0, 0.0, -1.0])
+
+
+@pytest.mark.parametrize(
+    ("centre_mm", "inside_mm", "side"),
+    [
+        ((20.0, -10.0), 40.0, "to the right"),
+        ((20.0, 0.0), 40.0, "to the left"),
+        ((70.0, -5.0), 30.0, "forwards"),
+        ((-50.0, 0.0), 10.0, "backwards"),
+        ((120.0, 0.0), -20.0, "forwards"),
+        ((0.0, -70.0), -20.0, "to the right"),
+    ],
+)
+def test_a_centre_of_mass_is_inside_of_the_nearest_side(
+    centre_mm: tuple[float, float], inside_mm: float, side: str
+) -> None:
+    centre_m = np.array([*centre_mm, 80.0]) / 1000
+    inside_m, nearest = balance._inside_m(FOUR, centre_m, DOWN)
+    assert (1000 * inside_m, nearest) == (pytest.approx(inside_mm, abs=0.3), side)
+    # A shape that ends 4 mm above the floor touches it not.
+    raised = post(300.0, 0.0)
+    raised = raised._replace(centre_m=raised.centre_m + np.array([0.0, 0.0, 0.004]))
+    assert balance._inside_m([*FOUR, raised], centre_m, DOWN) == (inside_m, nearest)
+    lower = post(300.0, 0.0)
+    lower = lower._replace(centre_m=lower.centre_m + np.array([0.0, 0.0, 0.002]))
+    if side == "forwards":
+        assert balance._inside_m([*FOUR, lower], centre_m, DOWN)[0] > inside_m
+
+
+@pytest.mark.parametrize("high_mm", [30.0, 80.0])
+def test_a_robot_stands_if_its_mass_is_above_its_feet_and_tips_if_not(high_mm: float) -> None:
+    stands = balance._rest(FOUR, np.array([0.0, 0.0, high_mm]) / 1000)
+    assert balance._tilt_deg(stands) == 0.0
+    # A robot on a tail behind, of 100 mm, and no feet in front: it rolls over its feet until
+    # what is in front touches the floor.
+    nose = post(200.0, 0.0, 30.0)
+    nose = nose._replace(centre_m=nose.centre_m + np.array([0.0, 0.0, 0.040]))
+    ahead_m = np.array([120.0, 0.0, high_mm]) / 1000
+    rest = balance._rest([*FOUR, nose], ahead_m)
+    # From the feet at 100 mm to the nose at 200 mm, which is 40 mm higher: atan(40 / 100).
+    assert balance._tilt_deg(rest) == pytest.approx(math.degrees(math.atan(0.4)), abs=1.5)
+    assert rest[0] > 0 and abs(rest[1]) < 0.05
+    (height_m,) = balance._heights_m([*FOUR, nose], ahead_m, DOWN[None])
+    assert height_m == pytest.approx(high_mm / 1000)
+
+
+def test_what_touches_a_floor_is_the_lowest_of_each_form() -> None:
+    half = np.array([0.01, 0.01, 0.03])
+    lying = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+    centre = np.array([0.1, 0.2, 0.3])
+    ball = Shape(0, 0, Form.BALL, centre, np.eye(3), np.full(3, 0.01))
+    assert balance._contacts_m(ball).tolist() == [pytest.approx([0.1, 0.2, 0.29])]
+    wheel = Shape(0, 0, Form.CYLINDER, centre, lying, half, is_level=True)
+    assert balance._contacts_m(wheel) == pytest.approx(
+        np.array([[0.1, 0.17, 0.29], [0.1, 0.23, 0.29]])
+    )
+    box = Shape(0, 0, Form.BOX, centre, np.eye(3), half)
+    corners = balance._contacts_m(box)
+    assert sorted({round(float(z), 6) for z in corners[:, 2]}) == [0.27, 0.33]
+    assert len({tuple(corner) for corner in corners.round(6)}) == 8
+
+
+def test_a_shape_moves_with_its_body_in_a_turn() -> None:
+    turn = rotation((0.0, 0.0, 1.0), math.pi / 2)
+    turns = {3: (np.array([np.eye(3), turn]), np.array([[0.0] * 3, [0.0, 0.0, 0.5]]))}
+    leg = post(100.0, 0.0)._replace(body=3)
+    moved = balance._moved(leg, turns, 1)
+    assert moved.centre_m == pytest.approx([0.0, 0.1, 0.55])
+    assert moved.axes == pytest.approx(turn.T)
+    assert balance._moved(leg, turns, 0).centre_m == pytest.approx(leg.centre_m)
+    assert balance._moved(post(1.0, 1.0), turns, 1).body == 0
+    bodies = [
+        SimpleNamespace(mass_kg=3.0, centre_m=np.array([0.0, 0.0, 0.2])),
+        SimpleNamespace(mass_kg=0.0, centre_m=np.zeros(3)),
+        SimpleNamespace(mass_kg=0.0, centre_m=np.zeros(3)),
+        SimpleNamespace(mass_kg=1.0, centre_m=np.array([0.1, 0.0, 0.1])),
+    ]
+    planned: Any = SimpleNamespace(articulation=SimpleNamespace(bodies=bodies))
+    assert balance._centre_m(planned, turns, 1) == pytest.approx([0.0, 0.025, 0.3])
+
+
+@pytest.mark.parametrize(
+    ("changes", "outcome", "words"),
+    [
+        ({"tilt_deg": 12.0}, None, ""),
+        ({"tilt_deg": 12.5}, Outcome.ERROR, "tips over forwards by 12 degrees"),
+        ({"tilt_deg": 30.0, "on_wheels": True}, Outcome.ERROR, "or add a caster$"),
+        ({"lean_deg": 14.0}, Outcome.WARNING, "on one axle alone.*, or let it learn to keep"),
+        ({"lean_deg": -14.0}, Outcome.WARNING, "on one axle alone.*, or let it learn to keep"),
+        ({"lean_deg": -16.0}, Outcome.ERROR, "on one axle alone, and falls; add a caster$"),
+        ({"largest_tilt_deg": 45.0}, None, ""),
+        ({"largest_tilt_deg": 46.0}, Outcome.ERROR, "falls forwards while its legs turn"),
+    ],
+)
+def test_who_falls_by_itself_is_an_error_unless_its_motors_keep_it_upright(
+    changes: dict[str, Any], outcome: Outcome | None, words: str
+) -> None:
+    found = replace(STANDS, **changes).findings
+    assert [one.outcome for one in found] == ([] if outcome is None else [outcome])
+    assert all(re.search(words, one.detail) for one in found)

@@ -9,13 +9,23 @@ import mujoco
 import numpy as np
 import pytest
 
-from bricktwin.plans.geometry import Form
+from bricktwin.plans.geometry import Floats, Form, rotation
 from bricktwin.plans.mechanism.roles import moved_by
 from bricktwin.plans.planned_robot import PlannedRobot, planned_robot
 from bricktwin.robots import plans
 from bricktwin.robots.planned import robot_of_plan
 from bricktwin.twin.models.balance import standing_shapes
-from bricktwin.twin.models.feet import Shape, _without_gap, feet_of, shapes_of, turns_of
+from bricktwin.twin.models.feet import (
+    Shape,
+    _fewest,
+    _if_level,
+    _joined,
+    _without_gap,
+    downwards,
+    feet_of,
+    shapes_of,
+    turns_of,
+)
 from bricktwin.twin.mujoco_body import MujocoBody
 from bricktwin.twin.physics import Physics
 from bricktwin.twin.scene import OPEN_FLOOR
@@ -176,3 +186,123 @@ def test_what_is_in_line_with_a_wheel_belongs_to_it_up_to_a_gap() -> None:
     far = [disc(-60, -40), disc(30, 50)]
     ends_m = _without_gap(wheel, [far[0], tyre, wheel, bush, far[1]])
     assert ends_m == pytest.approx((-0.018, 0.020))
+
+
+TURNED = rotation((0.6, 0.0, 0.8), 0.7)
+CENTRE_M = np.array([0.1, -0.2, 0.3])
+
+
+def surface_points(form: Form) -> Floats:
+    """Points [n, 3] all over a solid of half sizes 3, 2 and 1 cm, or of radius 3 cm."""
+    angles = np.linspace(0.0, 2 * math.pi, 181)
+    circle = 0.03 * np.column_stack([np.cos(angles), np.sin(angles)])
+    if form is Form.BOX:
+        signs = np.array(np.meshgrid(*[[-1.0, 1.0]] * 3)).reshape(3, -1).T
+        return signs * [0.03, 0.02, 0.01]
+    if form is Form.CYLINDER:
+        return np.concatenate([np.column_stack([circle, np.full(181, z)]) for z in (-0.01, 0.01)])
+    heights = np.linspace(-1.0, 1.0, 181)[:, None, None]
+    rings = np.sqrt(1.0 - heights**2) * circle[None]
+    return np.concatenate([rings, np.broadcast_to(0.03 * heights, (181, 181, 1))], 2).reshape(-1, 3)
+
+
+@pytest.mark.parametrize("form", [Form.BOX, Form.CYLINDER, Form.BALL])
+def test_a_shape_reaches_as_far_as_its_farthest_point(form: Form) -> None:
+    axes = TURNED.T
+    shape = Shape(1, 2, form, CENTRE_M, axes, np.array([0.03, 0.03, 0.01]))
+    if form is Form.BOX:
+        shape = shape._replace(half_m=np.array([0.03, 0.02, 0.01]))
+    points = surface_points(form) @ axes + CENTRE_M
+    directions = np.random.default_rng(0).standard_normal((40, 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    farthest = (points @ directions.T).max(axis=0)
+    assert shape.reach_m(directions) == pytest.approx(farthest, abs=2e-5)
+    assert shape.lowest_m == pytest.approx(points[:, 2].min(), abs=2e-5)
+    # The axis of a cylinder ends at its ends.
+    start, end = shape.ends_m
+    assert np.linalg.norm(end - start) == pytest.approx(0.02)
+    assert (start + end) / 2 == pytest.approx(CENTRE_M) and shape.axis is not None
+    assert np.cross(end - start, TURNED[:, 2]) == pytest.approx([0.0, 0.0, 0.0], abs=1e-12)
+
+
+def test_a_chassis_is_tilted_to_each_side_and_each_corner() -> None:
+    straight, *aslant = downwards(15.0)
+    assert straight.tolist() == [0.0, 0.0, -1.0] and len(aslant) == 8
+    for direction in aslant:
+        assert direction @ straight == pytest.approx(math.cos(math.radians(15.0)))
+        assert np.linalg.norm(direction) == pytest.approx(1.0)
+    azimuths = sorted(round(math.degrees(math.atan2(y, x))) % 360 for x, y, _ in aslant)
+    assert azimuths == [0, 45, 90, 135, 180, 225, 270, 315]
+
+
+def test_as_few_shapes_are_kept_as_reach_all() -> None:
+    def chosen(*rows: str) -> list[int]:
+        return _fewest(np.array([[mark == "x" for mark in row] for row in rows]))
+
+    assert chosen("xx....", ".xxxx.", "....xx") == [1, 0, 2]
+    assert chosen("x..", "xxx", "..x") == [1]
+    # What nobody reaches takes nobody; of equal ones the first is taken.
+    assert chosen("x.", "x.") == [0]
+    assert chosen("..", "..") == []
+
+
+def rod(along_m: float, half_m: float, **changes: object) -> Shape:
+    """A level cylinder of 3 mm along y, this far from the origin."""
+    centre_m = np.array([0.0, along_m, 0.0])
+    axes = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+    half = np.array([0.003, 0.003, half_m])
+    shape = Shape(1, 0, Form.CYLINDER, centre_m, axes, half, is_level=True)
+    return shape._replace(**changes)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("other", "spans_mm"),
+    [
+        # Side by side, or less than 4 mm apart, they are one; from -10 mm to ...
+        (rod(0.020, 0.010), [(-10, 30)]),
+        (rod(0.023, 0.010), [(-10, 33)]),
+        (rod(-0.023, 0.010), [(-33, 10)]),
+        (rod(0.025, 0.010), [(-10, 10), (15, 35)]),
+        # Within the other one, or overlapping it.
+        (rod(0.002, 0.004), [(-10, 10)]),
+        (rod(0.015, 0.010), [(-10, 25)]),
+        # Beside its axis.
+        (rod(0.020, 0.010, centre_m=np.array([0.001, 0.020, 0.0])), [(-10, 30)]),
+        (rod(0.020, 0.010, centre_m=np.array([0.002, 0.020, 0.0])), [(-10, 10), (10, 30)]),
+        # What stands upright is not joined.
+        (rod(0.020, 0.010, is_level=False), [(10, 30), (-10, 10)]),
+    ],
+)
+def test_level_cylinders_in_one_line_are_one(other: Shape, spans_mm: list[tuple[int, int]]) -> None:
+    joined = _joined([rod(0.0, 0.010), other])
+    found = [tuple(round(1000 * end[1]) for end in shape.ends_m) for shape in joined]
+    assert found == spans_mm
+    assert all(shape.half_m[0] == 0.003 for shape in joined)
+
+
+def test_the_lowest_of_joined_cylinders_gives_their_radius() -> None:
+    thick = rod(0.020, 0.010)._replace(half_m=np.array([0.005, 0.005, 0.010]))
+    for shapes in ([rod(0.0, 0.010), thick], [thick, rod(0.0, 0.010)]):
+        (joined,) = _joined(shapes)
+        assert joined.half_m.tolist() == pytest.approx([0.005, 0.005, 0.020])
+        assert joined.centre_m == pytest.approx([0.0, 0.010, 0.0])
+
+
+@pytest.mark.parametrize(
+    ("axis", "turn_deg", "is_level"),
+    [
+        # About its own axis or the vertical it stays on its side; about another it stands up.
+        ((0.0, 1.0, 0.0), 90.0, True),
+        ((0.0, 0.0, 1.0), 90.0, True),
+        ((1.0, 0.0, 0.0), 5.0, True),
+        ((1.0, 0.0, 0.0), 7.0, False),
+        ((1.0, 0.0, 0.0), -30.0, False),
+    ],
+)
+def test_a_cylinder_is_level_if_it_lies_on_its_side_in_all_poses(
+    axis: tuple[float, float, float], turn_deg: float, is_level: bool
+) -> None:
+    poses = np.array([np.eye(3), rotation(axis, math.radians(turn_deg)), np.eye(3)])
+    turns = (poses, np.zeros((3, 3)))
+    assert _if_level(rod(0.0, 0.01, is_level=False), turns).is_level is is_level
+    assert not _if_level(rod(0.0, 0.01, form=Form.BOX, is_level=False), turns).is_level

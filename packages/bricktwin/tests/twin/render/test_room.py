@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+import math
+from types import SimpleNamespace
+from typing import Any
+
+import mujoco
 import numpy as np
 import pytest
 
@@ -9,7 +14,7 @@ from brickhub.errors import RenderingUnavailableError
 from bricktwin.robots import ROBO_ARM, TWO_WHEELER, WALKER
 from bricktwin.twin.make_body import make_body
 from bricktwin.twin.render.opengl import Image, Renderer
-from bricktwin.twin.render.video import Room, captioned
+from bricktwin.twin.render.video import Filmed, Room, captioned
 from bricktwin.twin.scene import Goal, Scene
 
 SIZE = (320, 180)
@@ -79,3 +84,110 @@ def test_no_wall_ahead_hides_the_robot() -> None:
         camera.distance * np.cos(np.radians(camera.elevation)) * np.cos(np.radians(camera.azimuth))
     )
     assert camera.lookat[0] - back < 0.15
+
+
+def room_of_a_ball(goal: Goal | None = None) -> Room:
+    """The room of something that is a ball, without a drawing of it."""
+    spec = mujoco.MjSpec()
+    ball = spec.worldbody.add_body()
+    ball.add_freejoint()
+    ball.add_geom(size=[0.05, 0.0, 0.0])
+    model = spec.compile()
+    body: Any = SimpleNamespace(model=model, data=mujoco.MjData(model), robot=None, scene=None)
+    made = Room(body)
+    made._place = None if goal is None else goal.at_mm
+    return made
+
+
+def test_points_are_seen_where_a_camera_of_that_pose_sees_them() -> None:
+    room = room_of_a_ball()
+    camera, model = room.camera, room._body.model
+    width, height = 640, 360
+    room.camera.lookat[:] = (1.0, 2.0, 0.5)
+    # What it looks at is in the middle.
+    assert room._project(np.array([1.0, 2.0, 0.5]), width, height) == (320, 180)
+    # The camera's axes, by MuJoCo.
+    scene = mujoco.MjvScene(model, 100)
+    data, option = room._body.data, mujoco.MjvOption()
+    mujoco.mj_forward(model, data)
+    mujoco.mjv_updateScene(
+        model, data, option, None, camera, mujoco.mjtCatBit.mjCAT_ALL.value, scene
+    )
+    one, other = scene.camera
+    eye = (np.array(one.pos) + np.array(other.pos)) / 2
+    forward, up = np.array(one.forward), np.array(one.up)
+    right = np.cross(forward, up)
+    focal = height / 2 / math.tan(math.radians(model.vis.global_.fovy) / 2)
+    for x, y, depth in ((0.1, 0.05, 0.7), (-0.3, -0.1, 1.5), (0.0, 0.2, 0.3)):
+        point = eye + depth * forward + x * right + y * up
+        wanted = (320 + focal * x / depth, 180 - focal * y / depth)
+        assert room._project(point, width, height) == pytest.approx(wanted, abs=0.6)
+    assert room._project(eye - 0.1 * forward, width, height) is None
+    assert room._project(eye + 0.04 * forward, width, height) is None
+
+
+def boxes_of(room: Room, most: int = 100) -> list[tuple[list[float], list[float]]]:
+    """Lowest and highest corner of each box of the decoration."""
+    scene = mujoco.MjvScene(room._body.model, most)
+    room.decorate(scene)
+    return [
+        (
+            (np.array(geom.pos, float) - np.array(geom.size, float)).round(4).tolist(),
+            (np.array(geom.pos, float) + np.array(geom.size, float)).round(4).tolist(),
+        )
+        for geom in scene.geoms[: scene.ngeom]
+    ]
+
+
+def test_a_room_has_a_wall_behind_the_robot_and_a_line_each_metre() -> None:
+    room = room_of_a_ball()
+    room._target[:] = (4.4, 0.0, 0.07)
+    wall, board, *lines = boxes_of(room)
+    # Whole metres around the camera, so that it seems to have no end.
+    assert (wall[0], wall[1]) == ([-2.0, 1.3, 0.0], [10.0, 1.32, 1.6])
+    assert board[0][2] == 0.0 and board[1][2] == pytest.approx(0.07)
+    # The board stands before the wall, and both as far to the sides.
+    assert board[1][1] == pytest.approx(1.3) and (board[0][0], board[1][0]) == (-2.0, 10.0)
+    across, along = lines[:7], lines[7:]
+    middles = [(low[0] + high[0]) / 2 for low, high in across]
+    assert middles == pytest.approx([1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0], abs=1e-3)
+    assert {high[1] for _, high in across} == {1.3} and len(along) == 4
+    assert [(low[1] + high[1]) / 2 for low, high in along] == pytest.approx([-2, -1, 0, 1])
+    # Thin paint, as wide on both axes.
+    widths = [high[0] - low[0] for low, high in across] + [high[1] - low[1] for low, high in along]
+    assert widths == pytest.approx([0.006] * 11, abs=2e-4)
+    assert max(high[2] for _, high in lines) < 0.0006
+    # A scene that is full takes no more.
+    assert len(boxes_of(room, 3)) == 3
+
+
+def test_the_target_lags_behind_a_slow_robot_and_keeps_near_a_fast_one() -> None:
+    room = room_of_a_ball()
+    x = room._body.data.qpos
+    x[0] = 0.1
+    room.follow()
+    assert room.camera.lookat[0] == pytest.approx(0.006)
+    x[0] = 2.006
+    room.follow()
+    assert room.camera.lookat[0] == pytest.approx(2.006 - 0.12)
+    assert room.camera.lookat[2] == pytest.approx(0.07)
+    to_goal = room_of_a_ball(Goal(at_mm=(600.0, -200.0)))
+    to_goal._body.data.qpos[:2] = 0.2, 0.4
+    assert to_goal._robot() == pytest.approx((0.4, 0.1, 0.07))
+
+
+def test_images_are_due_by_the_time_of_the_last_one() -> None:
+    class Ticking:
+        battery_mv = 8000
+        time_ms = 0
+
+        def advance_to(self, time_ms: int) -> None:
+            self.time_ms = time_ms
+
+    body, taken = Ticking(), []
+    film = Filmed(body, lambda: body.time_ms, 40, 40, taken.append)  # type: ignore[arg-type]
+    for time_ms in (10, 39, 45, 79, 80, 120, 205, 210, 215):
+        film.advance_to(time_ms)
+    # Who was late is not late for the next one.
+    assert taken == [45, 80, 120, 205, 210]
+    assert film.battery_mv == 8000
