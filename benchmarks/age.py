@@ -2,10 +2,10 @@
 
     python -m benchmarks age
 
-A result depends on its benchmark and on all of our modules that this imports, as `code.py` reads
-them: words, comments and formatting do not count. Results say the digest of their code; those from
-before say it by the commit that they came with. What is older is printed in the order in which
-people read it, with the time that it takes to make it again.
+A result depends on its benchmark and on what this can reach of our modules, as `code.py` reads
+them: words, comments and formatting do not count, nor does what it never calls. Results say the
+digest of their code; those from before say it by the commit that they came with. What is older is
+printed in the order in which people read it, with the time that it takes to make it again.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ def _code_at(commit: str) -> Code:
     def source(path: str) -> str | None:
         return _git("cat-file", "blob", blobs[path]) if path in blobs else None
 
-    return Code(source)
+    return Code(source, blobs)
 
 
 def _git(*words: str) -> str:

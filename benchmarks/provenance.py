@@ -19,7 +19,8 @@ def working_tree() -> Code:
         file = ROOT / path
         return file.read_text(encoding="utf-8") if file.is_file() else None
 
-    return Code(source)
+    files = [*ROOT.glob("packages/*/src/**/*.py"), *ROOT.glob("benchmarks/*.py")]
+    return Code(source, [file.relative_to(ROOT).as_posix() for file in files])
 
 
 @functools.cache

@@ -54,10 +54,15 @@ Count = Annotated[int, Range(1)]
 """A number of things, at least one."""
 
 
-def check_fields(cls: type, values: dict[str, Any]) -> None:
+def check_fields(
+    cls: type,
+    values: dict[str, Any],
+    **named: Any,
+) -> None:
     """Check values against the annotations of a dataclass's fields, by name; unknown names are
-    ignored. Raises DescriptionError if an annotation does not allow a value."""
-    hints = typing.get_type_hints(cls, include_extras=True)
+    ignored. ``named``: types that annotations name and their module does not import. Raises
+    DescriptionError if an annotation does not allow a value."""
+    hints = typing.get_type_hints(cls, localns=named, include_extras=True)
     for name, hint in hints.items():
         if name in values:
             check_value(name, values[name], hint)

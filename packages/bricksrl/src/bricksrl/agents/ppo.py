@@ -76,7 +76,7 @@ def build(
 ) -> OnPolicyLearner:
     """PPO for an environment. Initialized from torch's global generator."""
     m = action_size(env)
-    copies = env.batch_size.numel()
+    copies = max(1, env.batch_size.numel())
     encoder = make_encoder(env, settings)
     body = make_body(settings, encoder.size, 2 * m)
     policy = gaussian_policy(
