@@ -257,8 +257,8 @@ def _pieces(module: str, tree: ast.Module, *, with_texts: bool) -> Iterator[_Pie
         elif isinstance(statement, _Definition):
             name = "" if _is_handed_over(statement) else statement.name
             yield _piece(module, f"{module}.{statement.name}", name, "", [statement], with_texts)
-        elif (name := _assigned(statement)) is not None:
-            yield _piece(module, f"{module}.{name}", name, "", [statement], with_texts)
+        elif (assigned := _assigned(statement)) is not None:
+            yield _piece(module, f"{module}.{assigned}", assigned, "", [statement], with_texts)
         elif not isinstance(statement, ast.Import | ast.ImportFrom) or _has_other_names(statement):
             rest.append(statement)
     yield _piece(module, module, "", "", rest, with_texts)
