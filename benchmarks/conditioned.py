@@ -145,16 +145,22 @@ def of_run(run: str) -> Conditioned:
 def conditioned(seed: int, episodes: int, folder: Path) -> TrainConfig:
     """Train the policy in drawn worlds; the search over its numbers on the nominal twin, which is
     still to be run."""
-    policy, structure = (folder / "policy").absolute(), (folder / "structure.py").absolute()
+    policy = (folder / "policy").absolute()
     config = TrainConfig(
         WALKER, "sac", episodes, seed, randomize=True, record=False, run_dir=policy
     )
     env = known(seed, randomize=True)
     train(config, Mirrored(layout_of(env)), env=env)
+    return search_over(__name__, policy, seed)
+
+
+def search_over(module: str, policy: Path, seed: int) -> TrainConfig:
+    """The search, which is still to be run, over the numbers of the structure that ``of_run`` of a
+    module makes of a policy's run."""
+    structure = policy.with_name("structure.py")
     called = f"of_run({str(policy)!r})"
     structure.write_text(
-        f"from benchmarks.conditioned import of_run\n\n\ndef make(env):\n    return {called}\n",
-        "utf-8",
+        f"from {module} import of_run\n\n\ndef make(env):\n    return {called}\n", "utf-8"
     )
     settings = replace(preset("default", "gait"), structure=f"{structure}:make")
     return TrainConfig(WALKER, "gait", STEPS // 100, seed, settings=settings, record=False)

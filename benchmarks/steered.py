@@ -8,7 +8,7 @@ them at other phases, as a gait of oscillators does by the same numbers.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from contextlib import closing
 from pathlib import Path
 
 import torch
@@ -16,9 +16,9 @@ from tensordict import TensorDict
 from torch import Tensor, nn
 
 import bricksrl
-from benchmarks.gait import STEPS, WALKER
+from benchmarks.conditioned import search_over
+from benchmarks.gait import WALKER
 from brickhub.entry import Entry
-from bricksrl.agents import preset
 from bricksrl.agents.learner import Learner
 from bricksrl.training import TrainConfig, train
 from bricksrl.training.learners import load_learner
@@ -59,18 +59,13 @@ class Steered(nn.Module):
 
 def of_run(run: str) -> Steered:
     """The structure of the policy that was trained in a folder."""
-    return Steered(load_learner(run, bricksrl.make(WALKER, seed=0)).learner)
+    with closing(bricksrl.make(WALKER, seed=0)) as env:
+        return Steered(load_learner(run, env).learner)
 
 
 def steered(seed: int, episodes: int, folder: Path) -> TrainConfig:
     """Train the policy in drawn worlds; the search over its numbers on the nominal twin, which is
     still to be run."""
-    policy, structure = (folder / "policy").absolute(), (folder / "structure.py").absolute()
+    policy = (folder / "policy").absolute()
     train(TrainConfig(WALKER, "sac", episodes, seed, randomize=True, record=False, run_dir=policy))
-    called = f"of_run({str(policy)!r})"
-    structure.write_text(
-        f"from benchmarks.steered import of_run\n\n\ndef make(env):\n    return {called}\n",
-        "utf-8",
-    )
-    settings = replace(preset("default", "gait"), structure=f"{structure}:make")
-    return TrainConfig(WALKER, "gait", STEPS // 100, seed, settings=settings, record=False)
+    return search_over(__name__, policy, seed)
