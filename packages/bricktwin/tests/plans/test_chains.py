@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 import pytest
 from chain_lines import chain
 from plan_lines import body_of, plan_of
@@ -56,6 +57,31 @@ def test_chained_gears_turn_the_same_way_at_the_ratio_of_their_teeth(first, seco
     )
     assert one * teeth[0] == pytest.approx(two * teeth[1])
     assert {found.name for found in check(plan)} <= {"half-held"}  # the gears turn freely
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "teeth"), [("3648b", "3649", (24, 40)), ("3649", "10928", (40, 8))]
+)
+def test_a_chain_pulls_along_the_line_that_touches_both_gears(first, second, teeth):
+    links = chain((0, -80, teeth[0]), (20, 80, teeth[1]), -20)
+    (mesh,) = chain_meshes(
+        plan_of(PLATE, *shaft(0, -80, first), *shaft(20, 80, second), *links).parts
+    )
+    assert mesh.error == mesh.parted == 0.0 and mesh.engaged == 1.0 and mesh.is_good
+    row, other_row = mesh.motion
+    tangent = row[:3]
+    assert np.linalg.norm(tangent) == pytest.approx(1.0) and tangent[1] == pytest.approx(0.0)
+    assert other_row[:3] == pytest.approx(-tangent)
+    # Of a force along the tangent, the arm about each axle is the gear's radius.
+    for (x, z), count, moment in (((0, -80), teeth[0], row), ((20, 80), teeth[1], -other_row)):
+        about_axle = moment[3:] - np.cross([x, 0.0, z], tangent)
+        assert abs(about_axle[1]) == pytest.approx(1.25 * count)
+    # It touches the first gear in its point, and both on the same side of it.
+    from_axle = mesh.point - np.array([0.0, mesh.point[1], -80.0])
+    assert np.linalg.norm(from_axle) == pytest.approx(1.25 * teeth[0])
+    assert from_axle @ tangent == pytest.approx(0.0)
+    # A carrier that turns both as one body strains no link.
+    assert mesh.motion.sum(axis=0)[3:] == pytest.approx([0.0] * 3, abs=1e-6)
 
 
 def test_gear_in_the_place_of_another_is_a_finding():

@@ -465,3 +465,94 @@ def test_a_gear_rolls_on_a_rack_as_far_as_its_teeth_go() -> None:
     off = 9.0 - level.error
     assert len(on_rack(0.0, -17.5 - off + 0.1, 0.0)) == 1
     assert on_rack(0.0, -17.5 - off - 0.1, 0.0) == []
+
+
+TURNED = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])
+"""A quarter of a turn about y: what was along z is along x."""
+
+
+@pytest.mark.parametrize(
+    ("rim", "tyre", "place", "is_worn"),
+    [
+        # Of 68 and 68; the middle of the tyre may be 4 off.
+        ("56145", "44309", (0, 0, 0), True),
+        ("56145", "44309", (0, 0, 4), True),
+        ("56145", "44309", (4, 0, 0), True),
+        ("56145", "44309", (0, 0, 4.1), False),
+        # Other sizes: 84 on 84, 76 and 38 on 68.
+        ("86652", "32019", (0, 0, 0), True),
+        ("56145", "56898", (0, 0, 0), False),
+        ("56145", "92402", (0, 0, 0), False),
+    ],
+)
+def test_a_tyre_is_on_a_rim_of_its_size_in_its_middle(
+    rim: str, tyre: str, place: Any, is_worn: bool
+) -> None:
+    plan = plan_of(placed(tyre, place, np.eye(3)), placed(rim, (0, 0, 0), np.eye(3)))
+    found = connections(plan.parts)
+    assert len(found) == is_worn
+    for one in found:
+        assert (one.male, one.female) == (1, 0)
+        assert (one.male_site.fit, one.female_site.fit) == (Fit.RIM, Fit.TYRE)
+        assert one.is_rigid and one.is_seated and not one.is_crossed
+        assert one.point == pytest.approx([0.0, 0.0, one.male_site.centre[2]])
+
+
+def test_a_tyre_across_a_rim_is_not_on_it() -> None:
+    plan = plan_of(placed("44309", (0, 0, 0), TURNED), placed("56145", (0, 0, 0), np.eye(3)))
+    assert connections(plan.parts) == []
+
+
+@pytest.mark.parametrize(
+    ("place", "turn", "is_one"),
+    [
+        ((0, 0, 0), np.eye(3), True),
+        # They turn about y in any position.
+        ((0, 0, 0), TURNED, True),
+        ((0, 1.2, 0), np.eye(3), True),
+        ((0, 1.3, 0), np.eye(3), False),
+        ((1.3, 0, 0), np.eye(3), False),
+        ((0, 0, 0), UPRIGHT, False),
+    ],
+)
+def test_halves_of_a_turntable_are_one_if_they_are_in_one_place(
+    place: Any, turn: Any, is_one: bool
+) -> None:
+    upper, lower = placed("18938", place, turn), placed("18939", (0, 0, 0), np.eye(3))
+    for lines in ((upper, lower), (lower, upper)):
+        found = connections(plan_of(*lines).parts)
+        # Each pair is found once.
+        assert [(one.male, one.female) for one in found] == [(0, 1)] * is_one
+        for one in found:
+            assert np.abs(one.axis) == pytest.approx([0.0, 1.0, 0.0])
+            assert not one.is_rigid and not one.is_ball and one.is_seated
+
+
+@pytest.mark.parametrize(
+    ("place", "turn", "is_held"),
+    [
+        ((0, 0, 0), np.eye(3), True),
+        # A ball may point anywhere in its socket.
+        ((0, 0, 0), UPRIGHT, True),
+        ((0, 0, 0), TURNED, True),
+        ((1.2, 0, 0), np.eye(3), True),
+        ((1.3, 0, 0), np.eye(3), False),
+        # The other end of the link.
+        ((0, 0, -100), np.eye(3), True),
+        ((0, 0, 100), np.eye(3), False),
+    ],
+)
+def test_a_ball_is_in_the_socket_around_it(place: Any, turn: Any, is_held: bool) -> None:
+    # The ball of a pin is 10 before its middle.
+    plan = plan_of(placed("32005", place, turn), placed("6628", (10, 0, 0), np.eye(3)))
+    balls = [one for one in connections(plan.parts) if one.is_ball]
+    assert len(balls) == is_held
+    for one in balls:
+        assert (one.male, one.female) == (1, 0) and one.point == pytest.approx([0.0, 0.0, 0.0])
+        assert not one.is_rigid and not one.is_axle and one.fits
+
+
+def test_two_balls_or_two_tyres_in_one_place_hold_nothing() -> None:
+    for number in ("6628", "44309", "56145"):
+        twice = [placed(number, (0, 0, 0), np.eye(3))] * 2
+        assert connections(plan_of(*twice).parts) == []
