@@ -175,7 +175,8 @@ def axle(length: float) -> Piece:
 
 
 def wheel(diameter: float) -> Piece:
-    """A wheel with a black tyre on a light six-spoked rim, axis along y, centred."""
+    """A wheel with a black tyre on a light rim, axis along y, centred. The rim has six spokes if
+    there is room for them."""
     outer = diameter / 2
     inner = diameter / 2 - 7.5
     # The profile of the tyre is (radius, z) from its upper inner edge outwards. The lower half
@@ -185,16 +186,27 @@ def wheel(diameter: float) -> Piece:
     tyre = turned([*upper, *lower, upper[0]])
     tread = block(1.9, 2.2, 11.6).at(outer - 0.95, 0, 0)
     treads = [tread.turned(Z_AXIS, 15 * step) for step in range(24)]
-    rim = ring(inner, inner - 3.2, 12.6)
-    hub_cap = cylinder(6.4, 13, bevel=0.8)
-    spoke = box(inner - 5, 4.2, 9.4, radius=0.8).at((inner + 3) / 2, 0, 0)
-    spokes = [spoke.turned(Z_AXIS, 60 * step) for step in range(6)]
+    middle = _rim(inner)
     # `turned` and `ring` draw about z, so everything is laid down here at the end.
     return piece(
         black=merge([tyre, *treads]).along(Y_AXIS),
-        light_grey=merge([rim, hub_cap, *spokes]).along(Y_AXIS),
+        light_grey=middle.along(Y_AXIS),
         dim=cylinder(inner - 1, 3).along(Y_AXIS),
     )
+
+
+def _rim(radius: float) -> Shape:
+    """Rim of a wheel, axis along z, centred."""
+    hub_radius = 6.4
+    inside = radius - 3.2
+    # Where the hub cap reaches the rim there is no room for spokes.
+    if inside <= hub_radius:
+        return cylinder(max(radius, hub_radius), 13, bevel=0.8)
+    rim = ring(radius, inside, 12.6)
+    hub_cap = cylinder(hub_radius, 13, bevel=0.8)
+    spoke = box(radius - 5, 4.2, 9.4, radius=0.8).at((radius + 3) / 2, 0, 0)
+    spokes = [spoke.turned(Z_AXIS, 60 * step) for step in range(6)]
+    return merge([rim, hub_cap, *spokes])
 
 
 def ultrasonic_sensor() -> Piece:
