@@ -594,6 +594,7 @@ def test_a_picture_is_as_large_as_its_parts_with_a_margin():
         # The view in which the least visible item is seen best.
         ({0: (0.1, 0.9), 1: (0.6, 0.6), 2: (0.05, 1.0)}, 1, []),
         ({0: (0.3, 0.3), 1: (0.0, 1.0), 3: (0.75, 0.8)}, 3, []),
+        ({0: (0.3, 0.3), 1: (0.0, 1.0)}, 0, [(4,), (7,)]),
         # It is not turned for little, and what no view shows is told.
         ({0: (0.4, 0.4), 1: (0.44, 0.44)}, 0, []),
         ({0: (0.0, 0.9)}, 0, [(4,)]),
