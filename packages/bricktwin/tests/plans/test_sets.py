@@ -198,6 +198,18 @@ def test_of_a_list_what_is_missing_is_still_needed(missing, counts):
     assert [(entry.part.number, entry.colour.code, entry.count) for entry in found] == counts
 
 
+def test_a_wheel_is_needed_as_often_as_the_scarcer_of_its_halves_is_missing():
+    """LDraw has a rim with its tyre as one part, and shops have two."""
+    wheels = plan_of(*["1 0 0 0 0 1 0 0 0 1 0 0 0 1 56145c01.dat"] * 4)
+    for missing, count in (
+        ({"56145": 1, "44309": 3}, 3),
+        ({"56145": 2}, 2),
+        ({"56145": 9, "44309": 9}, 4),
+    ):
+        (entry,) = still_needed(parts_list(wheels), Counter(missing))
+        assert entry.count == count
+
+
 def test_sets_that_somebody_has_may_be_several_of_one():
     number = "45678"
     (once,) = [one for one in sets() if one.number == number]
