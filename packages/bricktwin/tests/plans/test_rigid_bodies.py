@@ -229,3 +229,17 @@ def test_the_heaviest_body_comes_first_and_what_is_apart_is_left_out() -> None:
     plan = plan_of(apart, BEAM, pin(0, -10, 20), heavy)
     members = structure_of(plan).bodies.members
     assert members[0] == (3,) and all(0 not in parts for parts in members)
+
+
+def test_an_axle_in_two_walls_of_one_body_has_one_hinge_in_their_middle() -> None:
+    walls = [BEAM, BEAM.replace("1 4 0 0 0", "1 4 0 -40 0")]
+    # Pins of 40 reach from the middle of one wall to that of the other: both are one body.
+    across = [pin(0, -20, z) for z in (40, -40)]
+    axle = f"1 0 0 -20 0 {UPRIGHT} 3705.dat"
+    bushes = [f"1 0 0 20 0 {FLAT} 3713.dat", f"1 0 0 -60 0 {FLAT} 3713.dat"]
+    bodies = structure_of(plan_of(*walls, *across, axle, *bushes)).bodies
+    assert sorted(map(len, bodies.members)) == [3, 4]
+    (joint,) = bodies.joints
+    assert joint.point == pytest.approx([0.0, -20.0, 0.0])
+    assert np.abs(joint.axis) == pytest.approx([0.0, 1.0, 0.0])
+    assert joint.motor is None and not joint.slides and not joint.is_ball
