@@ -105,3 +105,112 @@ def test_invalid_ldraw_variable_warns(
 
 def test_file_that_is_part_of_itself_is_left_out(tmp_path: Path) -> None:
     assert read(tmp_path, a=placed("b.dat") * 4, b=placed("box8.dat") + placed("a.dat") * 4) == {}
+
+
+TRIANGLE = "3 16 0 0 0 1 0 0 0 1 0\n"
+FACES = {
+    "ccw": [[[0, 0, 0], [1, 0, 0], [0, 1, 0]]],
+    "cw": [[[0, 1, 0], [1, 0, 0], [0, 0, 0]]],
+}
+
+
+@pytest.mark.parametrize(
+    ("header", "seen"),
+    [
+        ([], "both"),
+        (["CERTIFY"], "ccw"),
+        (["CERTIFY CCW"], "ccw"),
+        (["CERTIFY CW"], "cw"),
+        # Naming a winding certifies a file as well.
+        (["CCW"], "ccw"),
+        (["CW"], "cw"),
+        (["CLIP CW"], "cw"),
+        (["NOCERTIFY"], "both"),
+        (["CLIP"], "both"),
+        # A later line changes what it names, and keeps the rest.
+        (["CERTIFY CW", "CCW"], "ccw"),
+        (["CERTIFY CCW", "CW"], "cw"),
+        (["CERTIFY CW", "CLIP"], "cw"),
+        (["CERTIFY CCW", "NOCLIP"], "ccw"),
+        (["CERTIFY CCW", "NOCERTIFY"], "both"),
+        (["CERTIFY CW", "CERTIFY"], "cw"),
+        (["NOCERTIFY", "CERTIFY CCW"], "ccw"),
+    ],
+)
+def test_a_file_says_from_which_side_its_triangles_are_seen(
+    tmp_path: Path, header: list[str], seen: str
+) -> None:
+    text = "".join(f"0 BFC {words}\n" for words in header) + TRIANGLE
+    expected = FACES["ccw"] + FACES["cw"] if seen == "both" else FACES[seen]
+    assert read(tmp_path, a=text)[ldraw_library.MAIN_COLOUR].tolist() == expected
+
+
+@pytest.mark.parametrize(
+    ("between", "sign"), [("", -1), ("\n", -1), ("0 a comment\n", 1), (TRIANGLE, 1)]
+)
+def test_invertnext_holds_for_the_next_line_that_is_not_empty(
+    tmp_path: Path, between: str, sign: int
+) -> None:
+    text = CERTIFIED + "0 BFC INVERTNEXT\n" + between + placed("box8.dat")
+    triangles = read(tmp_path, a=text)[ldraw_library.MAIN_COLOUR]
+    box = triangles[-12:]
+    assert volume(box) == pytest.approx(8 * sign)
+
+
+def test_a_quadrilateral_is_two_triangles(tmp_path: Path) -> None:
+    text = CERTIFIED + "4 2 0 0 0 2 0 0 2 3 0 0 3 0\n"
+    (code, triangles), *others = read(tmp_path, a=text).items()
+    assert code == 2 and not others
+    assert triangles.tolist() == [
+        [[0, 0, 0], [2, 0, 0], [2, 3, 0]],
+        [[0, 0, 0], [2, 3, 0], [0, 3, 0]],
+    ]
+
+
+def test_a_part_is_turned_and_moved_as_its_line_says(tmp_path: Path) -> None:
+    # A quarter of a turn about y, twice as high, 5 along x.
+    text = CERTIFIED + "1 16 5 6 7 0 0 1 0 2 0 -1 0 0 b.dat\n"
+    found = read(tmp_path, a=text, b=CERTIFIED + "3 16 1 0 0 0 1 0 0 0 1\n")
+    assert found[ldraw_library.MAIN_COLOUR].tolist() == [[[5, 6, 6], [5, 8, 7], [6, 6, 7]]]
+
+
+def test_a_part_comes_before_a_primitive_of_its_name(tmp_path: Path) -> None:
+    root = write_library(tmp_path, a=CERTIFIED + TRIANGLE)
+    (root / "p" / "a.dat").write_text(CERTIFIED + TRIANGLE * 2)
+    assert len(triangles_of(root, "a.dat")[ldraw_library.MAIN_COLOUR]) == 1
+    assert triangles_of(root, "missing.dat") == {}
+
+
+@pytest.mark.parametrize("missing", ["LDConfig.ldr", "parts"])
+def test_a_folder_without_colours_or_parts_is_no_library(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, missing: str
+) -> None:
+    root = write_library(tmp_path / "library")
+    (root / missing).rename(root / "elsewhere")
+    monkeypatch.delenv("LDRAWDIR", raising=False)
+    monkeypatch.setattr(ldraw_library, "_SYSTEM_FOLDERS", (str(root),))
+    assert ldraw_library.folder() is None
+    # The user's own folder counts, though another one is installed.
+    good = write_library(tmp_path / "good")
+    monkeypatch.setattr(ldraw_library, "_SYSTEM_FOLDERS", (str(root), str(good)))
+    assert ldraw_library.folder() == good
+    monkeypatch.setenv("LDRAWDIR", str(root))
+    assert ldraw_library.folder() is None
+
+
+def test_colours_of_a_library_may_be_transparent(tmp_path: Path) -> None:
+    root = write_library(tmp_path)
+    lines = (
+        "0 !COLOUR Red CODE 4 VALUE #FF0000 EDGE #000000",
+        "0 !COLOUR Clear CODE 5 VALUE #00FF00 EDGE #000000 ALPHA 51",
+        "0 !COLOUR Odd CODE 6 VALUE #0000FF EDGE #000000 ALPHA 999",
+        "0 // !COLOUR None CODE 7 VALUE #0000FF EDGE #000000",
+        "0 !COLOUR Short CODE 8 VALUE #00FF EDGE #000000",
+    )
+    (root / "LDConfig.ldr").write_text("\n".join(lines))
+    assert rgba(root, 4) == (1.0, 0.0, 0.0, 1.0)
+    assert rgba(root, 5) == (0.0, 1.0, 0.0, 0.2)
+    assert rgba(root, 6) == (0.0, 0.0, 1.0, 1.0)
+    assert rgba(root, 7) == rgba(root, 8) == (0.5, 0.5, 0.5, 1.0)
+    # From the least direct colour on, a code says red, green and blue itself.
+    assert rgba(root, 0x2000000) == (0.0, 0.0, 0.0, 1.0)
