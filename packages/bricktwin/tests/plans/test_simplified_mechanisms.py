@@ -4,6 +4,7 @@ the rest."""
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -14,8 +15,10 @@ from bricktwin.plans.geometry import Floats
 from bricktwin.plans.mechanism.articulation import Articulation, _joint, _Simplifier, articulation
 from bricktwin.plans.mechanism.kinematics import Hinge, Link, Mechanism, Train, Wheel, trains
 from bricktwin.plans.mechanism.open_gears import OpenGears
+from bricktwin.plans.part import GearForm
 
 X, Y, Z = np.eye(3)
+ORIGIN = np.zeros(3)
 
 
 def hinge(parent: int, child: int, place: Any, axis: Any = Y, **values: Any) -> Hinge:
@@ -303,3 +306,121 @@ def test_trains_are_found_for_each_motor_or_the_plan_is_refused() -> None:
     with pytest.raises(PlanError) as caught:
         trains(one_missing, "try.ldr")
     assert str(caught.value) == says
+
+
+# ---------------------------------------------------------------- trains
+
+
+def meshing(first: int, second: int, *teeth: int, form: GearForm = GearForm.SPUR) -> Any:
+    """Two links whose gears of so many teeth mesh."""
+    gears = tuple(SimpleNamespace(teeth=count, form=form) for count in teeth)
+    return first, second, SimpleNamespace(gears=gears)
+
+
+def train_with(
+    ratio: float = -1 / 3,
+    *,
+    second: dict[str, Any] | None = None,
+    first: dict[str, Any] | None = None,
+    masses_kg: tuple[float, ...] = (0.3, 0.002, 0.05),
+    wheels: tuple[Wheel, ...] = (),
+    meshes: tuple[Any, ...] = (meshing(1, 2, 12, 36),),
+) -> Train:
+    """The train of a motor on the chassis with link 1 on its shaft, and link 2 beside it."""
+    links = [link(number, mass_kg) for number, mass_kg in enumerate(masses_kg)]
+    shaft = {"port": "A", **(first or {})}
+    hinges = [
+        hinge(0, 1, (0, 0, 0), **shaft),
+        hinge(0, 2, (0.032, 0, 0), **{"is_shaft": True, **(second or {})}),
+    ]
+    made = mechanism_of(links, hinges, ports=("A",), ratios=[[1.0], [ratio]], wheels=wheels)
+    (found,) = trains(replace(made, meshes=meshes), "try.ldr")
+    return found
+
+
+def test_a_train_ends_where_it_carries_most() -> None:
+    found = train_with()
+    assert (found.port, found.output, found.teeth) == ("A", 1, (12, 36))
+    # The size of a ratio is that of the teeth, its sign that of the motions.
+    assert found.ratio == pytest.approx(-1 / 3) and found.others == ((0, 1.0),)
+    heavy_shaft = train_with(masses_kg=(0.3, 0.06, 0.05))
+    assert (heavy_shaft.output, heavy_shaft.teeth, heavy_shaft.ratio) == (0, (), 1.0)
+    assert heavy_shaft.others == ((1, pytest.approx(-1 / 3)),)
+    # A wheel is what a motor is for, however light it is; of equal loads the first one.
+    rolling = train_with(masses_kg=(0.3, 0.06, 0.05), wheels=(Wheel(2, ORIGIN, 56.0, 2),))
+    assert rolling.output == 1
+    assert train_with(masses_kg=(0.3, 0.05, 0.05)).output == 0
+
+
+@pytest.mark.parametrize(
+    ("ratio", "is_geared"),
+    [(-0.333, True), (0.338, True), (-0.328, True), (-0.35, False), (-0.32, False), (0.0, False)],
+)
+def test_a_ratio_is_that_of_the_teeth_within_two_percent(ratio: float, is_geared: bool) -> None:
+    found = train_with(ratio)
+    assert (found.output == 1) is is_geared and len(found.others) == is_geared
+    if is_geared:
+        assert found.ratio == pytest.approx(np.sign(ratio) / 3)
+
+
+@pytest.mark.parametrize(
+    "second",
+    [
+        # Not the axis of its gear; of another motor; a loop; a ball.
+        {"is_shaft": False},
+        {"port": "B"},
+        {"closes_loop": True},
+        {"is_ball": True},
+    ],
+)
+def test_only_the_axis_of_a_gear_is_turned_by_its_teeth(second: dict[str, Any]) -> None:
+    assert train_with(second=second).output == 0
+
+
+def test_teeth_are_those_on_the_way_from_the_rotor() -> None:
+    idle = (meshing(1, 3, 12, 20), meshing(3, 2, 20, 36))
+    masses_kg = (0.3, 0.002, 0.05, 0.01)
+    found = train_with(meshes=idle, masses_kg=masses_kg)
+    assert found.teeth == (12, 20, 20, 36) and found.gears == (12, 36)
+    # The way with the fewest gears counts.
+    short = train_with(meshes=(*idle, meshing(2, 1, 36, 12)), masses_kg=masses_kg)
+    assert short.teeth == (12, 36)
+    # The motor pushes against its case, which carries gears too.
+    by_case = train_with(meshes=(meshing(1, 0, 12, 20), meshing(0, 2, 20, 36)))
+    assert by_case.output == 0 and by_case.teeth == ()
+    # A motor that is held by its shaft turns its case, and what meshes with that.
+    held = train_with(first={"turns_child": False}, meshes=(meshing(0, 2, 12, 36),))
+    assert held.output == 1 and held.teeth == (12, 36)
+
+
+def refused(made: Mechanism) -> str:
+    with pytest.raises(PlanError) as caught:
+        trains(made, "try.ldr")
+    return str(caught.value)
+
+
+def test_what_no_train_can_drive_is_told() -> None:
+    links = [link(0, 0.3), link(1, 0.05), link(2, 0.05)]
+    hinges = [hinge(0, 1, (0, 0, 0), port="A"), hinge(0, 2, (0.1, 0, 0), is_shaft=True)]
+    made = mechanism_of(links, hinges, ports=("A",), ratios=[[1.0], [-1 / 3]])
+    rack = replace(made, meshes=(meshing(1, 2, 12, 18, form=GearForm.RACK),))
+    assert refused(rack) == (
+        "try.ldr: a gear drives a rack; sliding parts have no twin, so drive a rotating part"
+    )
+    # Teeth of one body drive nothing.
+    assert len(trains(replace(made, meshes=(meshing(1, 1, 12, 18, form=GearForm.RACK),)), "")) == 1
+    # Two motors on one gear.
+    both = [*hinges, hinge(0, 3, (0.2, 0, 0), port="B")]
+    twice = mechanism_of(
+        [*links, link(3, 0.01)],
+        both,
+        ports=("A", "B"),
+        ratios=[[1.0, 0.0], [-1 / 3, -1 / 3], [0.0, 1.0]],
+    )
+    twice = replace(twice, meshes=(meshing(1, 2, 12, 36), meshing(3, 2, 12, 36)))
+    assert refused(twice) == (
+        "try.ldr: the motors of ports A, B drive the same part; give each part one motor"
+    )
+    # Open gears are no trains: each motor ends at its shaft.
+    first, second = trains(twice, "try.ldr", {2})
+    assert (first.output, first.teeth) == (0, ()) and (second.output, second.teeth) == (2, ())
