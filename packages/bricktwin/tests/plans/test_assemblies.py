@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from plan_lines import BEAM, findings_of, plan_of
 
-from bricktwin.plans.assemblies import Assembly, assemblies, components
+from bricktwin.plans.assemblies import Assembly, assemblies, components, is_known, is_piece
 from bricktwin.plans.booklet.parts_list import needs, owned
 
 AT = "1 {} {} {} {} 1 0 0 0 1 0 0 0 1 {}.dat"
@@ -139,3 +139,55 @@ def test_components_are_parts_of_the_catalogue() -> None:
         "86652c01": ("86652", "32019"),
         "92911c01": ("92911", "99948"),
     }
+
+
+@pytest.mark.parametrize(
+    ("off", "is_one"),
+    [
+        ((0.0, 0.0, 0.0), True),
+        ((1.9, -1.9, 1.9), True),
+        ((2.0, 0.0, 0.0), False),
+        ((0.0, -2.1, 0.0), False),
+        ((0.0, 0.0, 2.1), False),
+    ],
+)
+def test_a_piece_is_within_two_units_of_its_place(
+    off: tuple[float, float, float], is_one: bool
+) -> None:
+    x, y, z = off
+    lines = [AT.format(16, 0, 0, 0, "u9367c01"), AT.format(4, x, y - 50, z, "u9363")]
+    assert (plan_of(*lines).unknown == ()) is is_one
+    # So it is in a model of its own.
+    shaft = "1 16 0 0 0 1 0 0 0 1 0 0 0 1 shaft.ldr"
+    plan = plan_of("0 FILE main.ldr", lines[0], shaft, "0 FILE shaft.ldr", lines[1])
+    assert (plan.unknown == ()) is is_one
+
+
+def test_each_hub_takes_a_battery_of_its_own() -> None:
+    hub, battery = AT.format(15, 0, 0, 0, "45601"), AT.format(71, 0, 0, 0, "45610")
+    place = "1 16 0 0 0 1 0 0 0 1 0 0 0 1 {}.ldr"
+    models = ("0 FILE hub.ldr", hub, "0 FILE battery.ldr", battery)
+    names = ("hub", "hub", "battery", "battery")
+    plan = plan_of("0 FILE main.ldr", BEAM, *map(place.format, names), *models)
+    assert plan.unknown == () and len(plan.parts) == 3
+
+
+@pytest.mark.parametrize(
+    ("name", "known", "piece"),
+    [
+        ("32316.dat", True, False),
+        ("32316.DAT", True, False),
+        ("32316", True, False),
+        ("99999.dat", False, False),
+        # Lines of a motor, and of a hub, are no parts themselves.
+        ("u9363.dat", False, True),
+        ("U9363.DAT", False, True),
+        ("45610.dat", False, True),
+        ("rear.ldr", False, False),
+        *((f"{one.number}.dat", True, False) for one in assemblies() if one.here == "pieces"),
+    ],
+)
+def test_names_are_those_of_parts_of_pieces_or_of_models(
+    name: str, known: bool, piece: bool
+) -> None:
+    assert is_known(name) is known and is_piece(name) is piece
