@@ -12,6 +12,8 @@ from brickhub.robot import Mount, PoweredUpSensor, SensorKind, UltrasonicSensor
 from brickhub.robot.spec import LOOKS
 from bricktwin.plans.drawing.pieces import Piece
 from bricktwin.plans.part import DeviceKind
+from bricktwin.twin.engines.conventions import SHAPE_GROUP
+from bricktwin.twin.models import mounts
 from bricktwin.twin.models.mounts import (
     add_hub_site,
     case_of,
@@ -145,3 +147,75 @@ def test_cases_are_those_of_the_catalogue() -> None:
     assert (length, width, height) == pytest.approx((88.0, 56.0, 32.0), abs=6.0)
     assert 100 < mass_g < 250 and length >= width >= height
     assert case_of(DeviceKind.MOTOR, "prime") is case_of(DeviceKind.HUB, "none") is None
+
+
+@pytest.mark.parametrize(
+    ("kind", "at_mm", "looks"),
+    [
+        # Eyes are in front of the axle; what reads the floor is close above it.
+        (SensorKind.ULTRASONIC, (60.0, 0.0, 40.0), "ahead"),
+        (SensorKind.EV3_ULTRASONIC, (60.0, 0.0, 40.0), "ahead"),
+        (SensorKind.COLOR, (60.0, 0.0, 12.0), "down"),
+        (SensorKind.COLOR_DISTANCE, (60.0, 0.0, 12.0), "down"),
+        (SensorKind.EV3_COLOR, (60.0, 0.0, 12.0), "down"),
+        # A button is farthest ahead, so that it meets what the robot drives against.
+        (SensorKind.FORCE, (80.0, 0.0, 30.0), "ahead"),
+        (SensorKind.EV3_TOUCH, (80.0, 0.0, 30.0), "ahead"),
+        # A gyroscope lies behind, upright.
+        (SensorKind.EV3_GYRO, (-60.0, 0.0, 90.0), "up"),
+    ],
+)
+def test_a_sensor_without_a_mount_has_its_usual_place(
+    kind: SensorKind, at_mm: tuple[float, float, float], looks: str
+) -> None:
+    mount = mount_of(PoweredUpSensor("one", "C", kind))
+    assert mount.at_mm == at_mm and mount.looks == looks
+
+
+def box_of(piece: Piece, colour: str) -> tuple[Any, Any]:
+    points = dict(piece.shapes)[colour].points
+    return points.min(axis=0), points.max(axis=0)
+
+
+def test_a_force_sensor_is_drawn_behind_the_front_of_its_button() -> None:
+    drawn = mounts._force_sensor((40.0, 24.0, 22.0))
+    low, high = box_of(drawn, "black")
+    # A button of 8 mm length and radius.
+    assert low == pytest.approx([-8.0, -8.0, -8.0], abs=0.2)
+    assert high == pytest.approx([0.0, 8.0, 8.0], abs=0.2)
+    low, high = box_of(drawn, "white")
+    assert low == pytest.approx([-48.0, -12.0, -11.0]) and high == pytest.approx([-8.0, 12.0, 11.0])
+    # A stripe in the middle of its length, a little wider than the case.
+    low, high = box_of(drawn, "light_grey")
+    assert low == pytest.approx([-36.0, -12.2, 0.0]) and high == pytest.approx([-20.0, 12.2, 6.0])
+
+
+def test_other_sensors_are_drawn_behind_their_round_eye() -> None:
+    drawn = mounts._small_sensor((26.0, 24.0, 20.0))
+    low, high = box_of(drawn, "white")
+    assert low == pytest.approx([-20.0, -13.0, -12.0]) and high == pytest.approx([-2.0, 13.0, 12.0])
+    # The eye is before the case, and its rim before the eye.
+    low, high = box_of(drawn, "black")
+    assert (low[0], high[0]) == pytest.approx((-2.2, -0.6))
+    assert high[1:] == pytest.approx([8.8, 8.8], abs=0.15)
+    low, high = box_of(drawn, "azure")
+    assert (low[0], high[0]) == pytest.approx((-1.8, 0.2))
+    assert high[1:] == pytest.approx([8.6, 8.6], abs=0.15)
+
+
+@pytest.mark.parametrize("kind", [SensorKind.COLOR, SensorKind.FORCE, SensorKind.ULTRASONIC])
+def test_only_the_place_of_a_button_measures_what_touches_it(kind: SensorKind) -> None:
+    spec = mujoco.MjSpec()
+    body = spec.worldbody.add_body(name="chassis")
+    sensor = PoweredUpSensor("one", "D", kind)
+    mounts.add_sensor_site(spec, body, sensor, np.array([0.1, 0.2, 0.3]), [0.6, 0.0, 0.8, 0.0])
+    (site,) = body.sites
+    assert site.pos.tolist() == [0.1, 0.2, 0.3] and site.quat.tolist() == [0.6, 0.0, 0.8, 0.0]
+    is_button = kind is SensorKind.FORCE
+    assert len(spec.sensors) == is_button
+    # A site is seen by nobody: it is in the group of shapes that touch, or in one of its own.
+    assert site.group == (5 if is_button else SHAPE_GROUP)
+    if is_button:
+        # As large as the button, 24 mm.
+        assert site.type == mujoco.mjtGeom.mjGEOM_BOX and site.size.tolist() == [0.012] * 3
+        assert spec.sensors[0].name == "force_D" and spec.sensors[0].objname == site.name
