@@ -199,3 +199,26 @@ def test_a_picture_lies_turned_in_its_size() -> None:
     # Its right side looks where a robot of that heading does: to -y.
     assert data.geom_xmat[0].reshape(3, 3)[:, 0] == pytest.approx([0.0, -1.0, 0.0], abs=1e-9)
     assert not model.geom_contype[0] and not model.geom_conaffinity[0]
+
+
+@pytest.mark.parametrize("corners", [3, 4, 7])
+def test_a_mark_has_an_upper_and_a_lower_side_and_no_edges(corners: int) -> None:
+    angles = 2 * np.pi * np.arange(corners) / corners
+    outline = np.stack([30.0 * np.cos(angles), 20.0 * np.sin(angles)], axis=1)
+    shape = scenery._flat(outline)
+    assert len(shape.points) == 2 * corners and len(shape.faces) == 2 * (corners - 2)
+    assert shape.points[:corners, :2] == pytest.approx(outline)
+    assert shape.points[corners:, :2] == pytest.approx(outline)
+    # The upper one is seen from above, the lower one from below, and they lie close together.
+    heights = shape.points[:, 2]
+    assert (heights[:corners] == -heights[corners:]).all() and 0.0 < heights[0] < 0.5
+    assert shape.normals.tolist() == [[0, 0, 1]] * corners + [[0, 0, -1]] * corners
+    triangles = shape.points[shape.faces]
+    across = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    half = len(triangles) // 2
+    assert (across[:half, 2] > 0).all() and (across[half:, 2] < 0).all()
+    # Each covers all of the outline: by the shoelace formula.
+    x, y = outline.T
+    area = 0.5 * float(x @ np.roll(y, -1) - y @ np.roll(x, -1))
+    assert across[:half, 2].sum() / 2 == pytest.approx(area)
+    assert across[half:, 2].sum() / 2 == pytest.approx(-area)
