@@ -205,15 +205,19 @@ def test_a_line_is_turned_round_for_who_drives_backwards(monkeypatch: pytest.Mon
         (
             -7.9,
             8.0,
-            "hard, as its color sensor is 8 mm behind its wheels, where turns hardly move it; put "
-            "it 20 to 100 mm ahead of them",
+            (
+                "hard, as its color sensor is 8 mm behind its wheels, where turns hardly move it; "
+                "put it 20 to 100 mm ahead of them"
+            ),
         ),
         (8.0, 8.0, ""),
         (
             -8.0,
             8.0,
-            "backwards, as its color sensor is 8 mm behind its wheels; put it ahead of them to see "
-            "it drive forwards",
+            (
+                "backwards, as its color sensor is 8 mm behind its wheels; put it ahead of them to "
+                "see it drive forwards"
+            ),
         ),
     ],
 )
@@ -236,8 +240,10 @@ def test_a_color_sensor_is_too_far_ahead_where_3_degrees_take_it_off_the_edge(
         said.append(driving.remark_on_line(drawn))
     assert said == [
         "",
-        "hard, as its color sensor is 96 mm ahead of its wheels and 10 mm above the floor, where "
-        "small turns take it off the edge; put it at most 95 mm ahead of them, or higher",
+        (
+            "hard, as its color sensor is 96 mm ahead of its wheels and 10 mm above the floor, "
+            "where small turns take it off the edge; put it at most 95 mm ahead of them, or higher"
+        ),
     ]
 
 
