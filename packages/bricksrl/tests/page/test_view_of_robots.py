@@ -13,6 +13,8 @@ import pytest
 import torch
 
 from brickhub.entry import Entry
+from brickhub.robot import HubKind, Motor
+from brickhub.robot import Robot as Described
 from bricksrl.envs import get_task
 from bricksrl.envs.env_interface import BricksEnv
 from bricksrl.errors import TwinError
@@ -253,6 +255,17 @@ def test_virtual_robot_is_shown_as_it_was_when_its_poses_were_copied(
         hubs.append(board.status[1]["hub"])
     assert [number for _, number in hubs] == [0, 0, 0, 1, 1, 2]
     assert board.poses[0] == 2 + 5, "with that of the drawing"
+
+
+def test_robot_without_a_model_shows_its_hub_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(robot_view, "panel_of", lambda panel: panel)
+    board = Board()
+    machine, _ = machine_of(Described("bench", HubKind.PRIME, (Motor("left", "A"),)))
+    RobotView(board, threading.Event(), lambda: 0.0).show_machine(machine)
+    status = board.status[1]
+    assert status["no_scene"] == "This robot has no model to draw; its numbers are below."
+    assert status["hub"] == "panel" and board.poses == board.drawing == (0, None)
+    machine.pace.keep(0.0)
 
 
 def test_hand_at_the_page_pulls_in_each_control_loop(monkeypatch: pytest.MonkeyPatch) -> None:
