@@ -17,6 +17,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from torchrl.data import Bounded, Composite, Unbounded
 
+import bricksrl
 from brickhub.entry import Entry
 from brickhub.hub.interface import (
     DriveSpeed,
@@ -703,3 +704,16 @@ def test_motion_of_the_firmware_needs_a_fixed_time() -> None:
         "without ends"
     )
     SimulatedEnv(without, Kinematics(0.0))
+
+
+def test_real_robot_is_placed_by_whom_the_caller_names_or_by_whoever_reads_the_log(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    placed: list[Any] = []
+    env: Any = bricksrl.make("RunAway-v0", hub="ble", place=placed.append)
+    rng = np.random.default_rng(0)
+    env._connected().place(rng)
+    assert placed == [rng] and not caplog.messages
+    env = bricksrl.make("RunAway-v0", hub="ble")
+    env._connected().place(rng)
+    assert caplog.messages == ["RunAway-v0: put the robot where an episode starts"]
