@@ -29,7 +29,7 @@ from brickhub.hub.interface import (
 )
 from bricksrl.envs import registry
 from bricksrl.envs.env import outside_text
-from bricksrl.envs.env_checker import _cells, _first_wrong, _values_of, check_env, table
+from bricksrl.envs.env_checker import _cells, _first_wrong, _functions, _values_of, check_env, table
 from bricksrl.envs.episode_state import EpisodeState
 from bricksrl.envs.host_sensors.host_sensor import HostSensor
 from bricksrl.envs.hub_policy import by_steps_because, most_steps
@@ -622,6 +622,28 @@ def test_tables_of_a_description_are_read_cell_by_cell() -> None:
     wanted: list[Any] = [("0", 1.0), ("1", 2.0)]
     assert _first_wrong([("0", 1.0), ("1", 3.0)], wanted) == ("1", 3.0)
     assert _first_wrong([("0", 1.0)], wanted) == "1 rows in place of 2"
+
+
+def test_functions_of_a_task_are_tried_with_numbers_in_their_ranges() -> None:
+    given_: list[Any] = []
+
+    def reward(previous: Any, action: Any, observation: Any) -> Any:
+        given_.extend((previous, action, observation))
+        return SPINNING.reward(previous, action, observation)
+
+    said = _functions(replace(SPINNING, reward=reward))
+    names = "reward, terminated, blocked, success, mean_yaw_rate_deg_s"
+    assert said == f"{names} have the right shapes"
+    before, action, after = given_
+    low = torch.tensor([entry.low for entry in SPINNING.entries])
+    high = torch.tensor([entry.high for entry in SPINNING.entries])
+    for observations in (before, after):
+        assert observations.shape == (5, 6)
+        assert bool(((observations >= low) & (observations <= high)).all())
+        assert bool((observations.amax(0) - observations.amin(0) > 0.3 * (high - low)).all())
+    assert not torch.equal(before, after)
+    assert action.shape == (5, 2) and action.min() < -0.3 and action.max() > 0.3
+    assert action.abs().max() <= 1.0
 
 
 def test_check_of_a_simulation_says_what_it_found() -> None:
