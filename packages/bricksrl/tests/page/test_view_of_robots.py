@@ -349,6 +349,24 @@ def test_messages_of_the_board_have_headers_of_four_and_eight_bytes() -> None:
     assert series["series"]["reward"]["rows"] == [[0.1235]], "four digits are enough for a curve"
 
 
+def test_columns_of_a_series_are_told_once_even_before_its_first_row() -> None:
+    board = Board()
+    series = board.new_series("return", ("return of each episode",), max_rows=3)
+    reader = BoardReader(board)
+    told = []
+    for value in (None, 1.0, 2.0):
+        if value is not None:
+            series.add((value,))
+        (message,) = [one for one in reader.changes(numbers=True) if "series" in one]
+        told.append(message["series"]["return"])  # type: ignore[call-overload, index]
+    names = {"names": ("return of each episode",), "kept": 3}
+    assert told == [
+        {"first": 0, "rows": [], **names},
+        {"first": 0, "rows": [[1.0]]},
+        {"first": 1, "rows": [[2.0]]},
+    ]
+
+
 class Halted(threading.Event):
     """An event on which nobody waits, but notes for how long."""
 
