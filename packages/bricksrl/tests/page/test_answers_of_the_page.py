@@ -14,6 +14,8 @@ from typing import Any
 
 import pytest
 from websockets.datastructures import Headers
+from websockets.exceptions import ConnectionClosed
+from websockets.sync.client import ClientConnection, connect
 
 from bricksrl.errors import PageError
 from bricksrl.page import program as programs
@@ -276,6 +278,97 @@ def test_computer_without_a_network_is_known_to_itself(monkeypatch: pytest.Monke
     for probe, address in ((Probe, "192.168.1.5"), (Offline, "127.0.0.1")):
         monkeypatch.setattr(servers.socket, "socket", probe)
         assert servers._own_address() == address
+
+
+# ---------------------------------------------------------------- a whole connection
+
+
+def connected(page: PageServer, secret: str, name: str = "") -> ClientConnection:
+    """A tab of a browser, which comes from this page."""
+    host = page.url.split("/")[2]
+    known = [f"{page._guard.cookie}={page._guard.token}", f"bricksrl_visitor={secret}"]
+    if name:
+        known.append(f"bricksrl_name={name}")
+    return connect(
+        f"ws://{host}/ws",
+        origin=f"http://{host}",
+        additional_headers={"Cookie": "; ".join(known)},
+        proxy=None,
+    )
+
+
+def said(tab: ClientConnection, key: str) -> Any:
+    """The next message about something."""
+    while True:
+        message = json.loads(tab.recv(timeout=20.0))
+        if key in message:
+            return message[key]
+
+
+def until(condition: Callable[[], bool]) -> None:
+    for _ in range(2000):
+        if condition():
+            return
+        asyncio.run(asyncio.sleep(0.01))
+    raise AssertionError("it does not come")
+
+
+def test_tab_of_a_browser_comes_and_goes() -> None:
+    pressed: list[tuple[str, str]] = []
+
+    def press(name: str, _value: Any, visitor: Visitor | None) -> None:
+        pressed.append((name, "" if visitor is None else visitor.name))
+
+    with PageServer(Board(), press, lambda: None) as page:
+        with connected(page, "a", "Ada%20L.") as ada:
+            assert said(ada, "you") == {"name": "Ada L.", "note": ""}
+            until(lambda: page.board.status[1].get("visitors") == ["Ada L."])
+            assert page.is_watched
+            ada.send(json.dumps({"press": "ping", "value": 5}))
+            assert said(ada, "pong") == 5
+            (visitor,) = page.visitors.here()
+            visitor.note = "Ben asks for it."
+            assert said(ada, "you")["note"] == "Ben asks for it."
+            with connected(page, "b") as other:
+                assert said(other, "you")["name"] == "Visitor 2"
+            ada.close(1001)
+        until(lambda: not page.is_watched)
+        # A tab that is closed says so; a phone that sleeps does not.
+        asleep = [one.is_asleep for one in page.visitors._known.values()]
+        assert asleep == [False, True]
+        until(lambda: ("left", "Ada L.") in pressed)
+        assert pressed[0] == ("arrived", "Ada L.")
+        assert ("arrived", "Visitor 2") in pressed and ("left", "Visitor 2") in pressed
+        until(lambda: page.board.status[1]["visitors"] == [])
+
+
+def test_page_that_ends_tells_its_last_news_and_goodbye() -> None:
+    with PageServer(Board(), lambda *_: None, lambda: None) as page:
+        with connected(page, "a") as tab:
+            said(tab, "status")
+            page.board.update_status(state="finished")
+            page.close()
+            assert said(tab, "status")["state"] == "finished"
+            with pytest.raises(ConnectionClosed) as caught:
+                said(tab, "nothing")
+        assert caught.value.rcvd is not None
+        assert (caught.value.rcvd.code, caught.value.rcvd.reason) == (1001, "the run has ended")
+
+
+def test_message_that_is_too_long_ends_its_connection_alone() -> None:
+    with (
+        PageServer(Board(), lambda *_: None, lambda: None) as page,
+        connected(page, "a") as tab,
+        connected(page, "b") as other,
+    ):
+        tab.send(json.dumps({"press": "ping", "value": 1}).ljust(4096))
+        assert said(tab, "pong") == 1
+        tab.send(" " * 4097)
+        with pytest.raises(ConnectionClosed) as caught:
+            said(tab, "nothing")
+        assert caught.value.rcvd is not None and caught.value.rcvd.code == 1009
+        other.send(json.dumps({"press": "ping", "value": 2}))
+        assert said(other, "pong") == 2
 
 
 # ---------------------------------------------------------------- programs
