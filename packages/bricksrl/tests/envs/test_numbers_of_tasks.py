@@ -27,7 +27,7 @@ from brickhub.hub.interface import (
     UntilDone,
     Wait,
 )
-from bricksrl.envs import registry
+from bricksrl.envs import env_checker, registry
 from bricksrl.envs.env import outside_text
 from bricksrl.envs.env_checker import _cells, _first_wrong, _functions, _values_of, check_env, table
 from bricksrl.envs.episode_state import EpisodeState
@@ -674,6 +674,99 @@ def test_check_of_a_robot_says_what_moved() -> None:
     changed, of, count = found["twin"].split()[6:9]
     assert of == "of" and 3 <= int(changed) < int(count) == 6
     assert found["values"].startswith("in 30 random steps all entries and the reward changed")
+
+
+def checked_values(task: Any, monkeypatch: pytest.MonkeyPatch) -> str:
+    """What the check of values says of the simulation of a task."""
+
+    def make(_env_id: str, seed: int) -> Any:
+        return SimulatedEnv(task, Kinematics(0.0), seed=seed)
+
+    monkeypatch.setattr(env_checker, "make", make)
+    return env_checker._values(task.id, task)
+
+
+def test_values_that_never_change_are_doubtful_each_in_words(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    walker = get_task("WalkerSim-v1")
+    with pytest.raises(env_checker.Doubtful) as caught:
+        checked_values(walker, monkeypatch)
+    still = (
+        "pitch (0), roll (0), distance (0) never changed; look at the sensor and the scene, or "
+        "leave it out"
+    )
+    assert str(caught.value) == still
+    first, second, *others = walker.interface.commands
+    idle = (replace(first, low=-50.0, high=-50.0), replace(second, low=0.0, high=0.0), *others)
+    dull = replace(
+        walker,
+        interface=replace(walker.interface, commands=idle),
+        symmetric=False,
+        reward=lambda previous, action, observation: 2.5 + 0.0 * observation[..., :1],
+    )
+    with pytest.raises(env_checker.Doubtful) as caught:
+        checked_values(dull, monkeypatch)
+    assert str(caught.value) == (
+        f"{still}; the reward was always 2.5; nothing can be learned from it; action left_front, "
+        "right_front changed nothing; look at its port, its range and its units"
+    )
+
+
+def test_value_that_is_no_number_or_out_of_its_range_is_broken(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    class Wrong(SimulatedEnv):
+        outside: dict[str, float] = {}  # noqa: RUF012  each test sets it
+
+        def _step(self, tensordict: Any) -> Any:
+            out = super()._step(tensordict)
+            out["observation"][1] = torch.nan
+            return out
+
+    task = get_task("RoboArmSim-v0")
+    monkeypatch.setattr(
+        env_checker, "make", lambda _id, seed: Wrong(task, Kinematics(0.0), seed=seed)
+    )
+    with pytest.raises(env_checker.Broken) as caught:
+        env_checker._values(task.id, task)
+    assert str(caught.value) == ("low_angle is not always a number (NaN); correct what computes it")
+    monkeypatch.setattr(Wrong, "outside", {"low_angle": 99.0, "grab_angle": 0.5})
+    with pytest.raises(env_checker.Broken) as caught:
+        env_checker._values(task.id, task)
+    low, grab = task.entries[1], task.entries[3]
+    texts = [outside_text(low, 99.0), outside_text(grab, 0.5)]
+    assert str(caught.value) == f"{', '.join(texts)}; correct the client, or the range"
+
+
+def test_checks_are_told_by_what_they_raise() -> None:
+    def fail(error: Exception) -> Any:
+        def check() -> str:
+            raise error
+
+        return check
+
+    found = env_checker.run_checks(
+        {
+            "one": lambda: "fine",
+            "two": fail(env_checker.Skip("not here")),
+            "three": fail(env_checker.Doubtful("odd")),
+            "four": fail(env_checker.Broken("wrong\n  twice")),
+            "five": fail(BricksError("wrong twice")),
+            "six": fail(ValueError("a bug")),
+            "seven": fail(ValueError("a bug")),
+        }
+    )
+    told = [(one.name, one.outcome.value, one.detail) for one in found]
+    assert told[:5] == [
+        ("one", "ok", "fine"),
+        ("two", "skipped", "not here"),
+        ("three", "warning", "odd"),
+        ("four", "error", "wrong twice"),
+        ("five", "error", "the same as in four"),
+    ]
+    assert told[5][1] == "error" and told[5][2].startswith("ValueError: a bug")
+    assert told[6] == ("seven", "error", "the same as in six")
 
 
 # ---------------------------------------------------------------- simulations

@@ -11,15 +11,20 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from tensordict import TensorDict
 
 from brickhub.entry import Entry
 from brickhub.robot import HubKind, Motor
 from brickhub.robot import Robot as Described
 from bricksrl.envs import get_task
+from bricksrl.envs.arenas.carry import CARRY
+from bricksrl.envs.arenas.guide import GATE
+from bricksrl.envs.arenas.tag import TAG
 from bricksrl.envs.env_interface import BricksEnv
 from bricksrl.errors import TwinError
+from bricksrl.page import arena, live, robot_view
 from bricksrl.page import hand as hands
-from bricksrl.page import live, robot_view
+from bricksrl.page.arena import ArenaPage
 from bricksrl.page.board import IMAGE, POSES, Board, BoardReader
 from bricksrl.page.hand import Hand
 from bricksrl.page.live import PUSH_TIMEOUT_S, LivePage, PageDriver
@@ -300,6 +305,51 @@ def test_another_hub_of_the_world_keeps_the_view_up_to_date(
     halted.set()
     other.pace.keep(1.0)
     assert halts == ["halted"] and other.alarm_ms == 5
+
+
+def test_arena_is_seen_from_above_with_its_walls(monkeypatch: pytest.MonkeyPatch) -> None:
+    made: list[Any] = []
+    monkeypatch.setattr(arena, "Mirror", lambda body, view: made.append((body, view)) or "mirror")
+    world = SimpleNamespace(bodies=["first", "second"])
+    monkeypatch.setattr(arena, "ArenaWorld", lambda _arena: world)
+    for task, half_m in ((TAG, 0.8), (CARRY, 0.7)):
+        page = ArenaPage(task)
+        shown: list[Any] = []
+        monkeypatch.setattr(
+            page.view,
+            "show_machine",
+            lambda *about, shown=shown, **named: shown.append((about, named)),
+        )
+        env: Any = Robot()
+        env.robots = 2
+        env.world = SimpleNamespace(bodies=["a body", "another"])
+        env.hub = lambda name: SimpleNamespace(machine=f"machine of {name}")
+        page.attach(env)
+        assert page.board.status[1]["no_scene"] == ""
+        assert not page._is_paced_here, "the hubs keep the pace"
+        machine = f"machine of {task.robots[0]}"
+        assert shown == [((machine,), {"body": "a body", "mirror": "mirror"})]
+        body, view = made[-1]
+        assert body == "first" and view.target == (0.0, 0.0, 0.0)
+        assert view.distance_m == pytest.approx(2.0 * half_m + 0.8)
+        assert (view.yaw_deg, view.pitch_deg, view.ratio) == (-90.0, 48.0, 1.45)
+        status = page.board.status[1]
+        assert status["title"] == task.id and status["speed"] == "1x"
+        assert status["goal"] == " ".join(task.doc.partition("\n\n")[0].split())
+
+
+def test_driven_robots_of_an_arena_get_the_actions_of_their_drivers() -> None:
+    page = ArenaPage(GATE)
+    state: Any = TensorDict({"agents": {"action": torch.zeros(2, 4)}}, [])
+    state["agents", "action"] += torch.tensor([0.1, 0.2, 0.3, 0.4])
+    driver = page.drivers["driver"]
+    assert [command.name for command in driver.commands] == ["left", "right"]
+    driver.in_charge = True
+    assert driver.push([1.0, -0.5])
+    steered = page.steered(state)["agents", "action"].tolist()
+    # What it tells remains its policy's.
+    assert steered[1] == pytest.approx([1.0, -0.5, 0.3, 0.4])
+    assert steered[0] == pytest.approx([0.1, 0.2, 0.3, 0.4])
 
 
 # ---------------------------------------------------------------- what is shown of steps
