@@ -245,6 +245,35 @@ def test_a_dataset_is_found_in_its_folder_and_in_that_of_a_run(tmp_path: Path) -
             existing_dataset(nothing)
 
 
+@pytest.mark.parametrize(("most", "files"), [(3, 3), (4, 2), (8, 2), (9, 1), (12, 1), (13, 1)])
+def test_a_file_is_full_with_its_steps(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, most: int, files: int
+) -> None:
+    monkeypatch.setattr("bricksrl.data.edit.STEPS_PER_FILE", most)
+    whole = merge([record(tmp_path / "set", (3, 5, 4))], tmp_path / "merged")
+    assert len(list((tmp_path / "merged/data").rglob("*.parquet"))) == files
+    assert [row.length for row in whole.rows] == [3, 5, 4] and whole.root == tmp_path / "merged"
+    assert (whole.steps, whole.data_files, whole.row_files) == (12, files, 1)
+    assert torch.equal(load(tmp_path / "merged").action, load(tmp_path / "set").action)
+
+
+def test_some_entries_of_the_observations_are_taken_in_their_order(tmp_path: Path) -> None:
+    whole = load(record(tmp_path / "set", (3, 2)))
+    assert len(whole) == 5
+    part = whole.observing(["distance"])
+    assert [entry.name for entry in part.description.observation] == ["distance"]
+    assert torch.equal(part.observation, whole.observation[:, 1:])
+    assert torch.equal(part.next_observation, whole.next_observation[:, 1:])
+    turned = whole.observing(["distance", "angle"])
+    assert torch.equal(turned.observation, whole.observation.flip(-1))
+    assert [entry.name for entry in turned.description.observation] == ["distance", "angle"]
+    assert whole.observing([]).observation.shape == (5, 0)
+    steps = whole.to_tensordict()
+    assert steps["intervention"].tolist() == [True, False, False, True, False]
+    assert steps["next", "truncated"][:, 0].tolist() == [False, False, True, False, True]
+    assert not bool(steps["next", "terminated"].any())
+
+
 # ---------------------------------------------------------------- steps and CSV
 
 
