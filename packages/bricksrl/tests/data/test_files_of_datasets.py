@@ -4,6 +4,10 @@ from __future__ import annotations
 
 import json
 import math
+import os
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
@@ -28,7 +32,7 @@ from bricksrl.data.collect import about, random_policy, step_of
 from bricksrl.data.csv_files import export_csv
 from bricksrl.data.dataset import Dataset, dataset_folder, existing_dataset
 from bricksrl.data.edit import merge
-from bricksrl.data.formats import _minari_environment, _policy_of, _task_of
+from bricksrl.data.formats import _minari_environment, _policy_of, _task_of, export_minari
 from bricksrl.data.lerobot import read_lerobot
 from bricksrl.data.schema import describe, describe_task
 from bricksrl.data.steps import Step, new_episode
@@ -564,6 +568,154 @@ def test_spaces_of_an_export_to_minari_are_those_of_the_numbers(tmp_path: Path) 
     image = parts["image"]
     assert (image.shape, image.dtype) == ((16, 16, 3), np.uint8)
     assert (image.low.min(), image.high.max()) == (0, 255)
+
+
+class Minari:
+    """Minari's writer, which notes what it is given and writes as Minari does."""
+
+    def __init__(self) -> None:
+        self.given: list[Any] = []
+
+    def create(self, name: str, buffers: list[Any], **about: Any) -> None:
+        self.given.append((name, buffers, about))
+        folder = Path(os.environ["MINARI_DATASETS_PATH"]) / name / "data"
+        folder.mkdir(parents=True)
+        (folder / "main_data.hdf5").write_bytes(b"data")
+        (folder.parent.parent / "namespace.json").write_text("{}")
+
+
+@pytest.fixture
+def minari(monkeypatch: pytest.MonkeyPatch) -> Minari:
+    made = Minari()
+    module = SimpleNamespace(create_dataset_from_buffers=made.create)
+    collector = SimpleNamespace(EpisodeBuffer=dict)
+    namespace = SimpleNamespace(NAMESPACE_METADATA_FILENAME="namespace.json")
+    monkeypatch.setitem(sys.modules, "minari", module)
+    monkeypatch.setitem(sys.modules, "minari.data_collector", collector)
+    monkeypatch.setitem(sys.modules, "minari.namespace", namespace)
+    monkeypatch.delenv("MINARI_DATASETS_PATH", raising=False)
+    return made
+
+
+def test_episodes_go_to_minari_with_one_observation_more_than_steps(
+    tmp_path: Path, minari: Minari
+) -> None:
+    root = tmp_path / "set"
+    with Recorder(root, TOY) as recorder:
+        recorder.write(TWO, About(policy="sac", seed=3))
+        recorder.write(TWO[:1], About(policy="random"))
+        recorder.write(TWO[:1], About(policy="sac"))
+    out = tmp_path / "all" / "toys" / "mine-v2"
+    export_minari(root, out)
+    ((name, buffers, about_all),) = minari.given
+    assert name == "toys/mine-v2"
+    for left_out in ("env", "observation_space", "action_space"):
+        about_all.pop(left_out)
+    assert about_all == {
+        "algorithm_name": "sac, random",
+        "description": "Toy-v0, recorded with BricksRL",
+        "data_format": "hdf5",
+        "jpeg_encoding": False,
+    }
+    first = buffers[0]
+    assert (first["id"], first["seed"]) == (0, 3)
+    observed = [[10.0, 200.0], [20.0, 1234.5678], [30.0, 0.1]]
+    assert first["observations"] == pytest.approx(np.array(observed, np.float32))
+    assert first["actions"].tolist() == [[0.5], [0.5]]
+    assert first["rewards"] == pytest.approx([1.5, -0.1])
+    assert (first["terminations"], first["truncations"]) == ([False, True], [False, False])
+    assert first["infos"] == {"intervention": [False, True, False]}
+    assert [buffer["id"] for buffer in buffers] == [0, 1, 2]
+    # Only the dataset itself stands where it was asked for, beside the file of its namespace.
+    assert (out / "data" / "main_data.hdf5").read_bytes() == b"data"
+    assert sorted(path.name for path in out.parent.iterdir()) == ["mine-v2", "namespace.json"]
+    assert "MINARI_DATASETS_PATH" not in os.environ
+
+
+def test_name_that_minari_refuses_is_told(
+    tmp_path: Path, minari: Minari, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*_: Any, **__: Any) -> None:
+        raise ValueError("a bad name")
+
+    sys.modules["minari"].create_dataset_from_buffers = refuse  # type: ignore[attr-defined]
+    monkeypatch.setenv("MINARI_DATASETS_PATH", "before")
+    out = tmp_path / "my toys" / "mine-v2"
+    with pytest.raises(DataError) as caught:
+        export_minari(record(tmp_path / "set", (2,)), out)
+    assert str(caught.value) == (
+        "Minari refuses the name my toys/mine-v2 (a bad name); end the path like bricksrl/walker-v0"
+    )
+    assert os.environ["MINARI_DATASETS_PATH"] == "before" and not out.exists()
+
+
+class HubApi:
+    """The hub's client, which notes its calls."""
+
+    endpoint = "https://hub"
+
+    def __init__(self) -> None:
+        self.calls: list[tuple[str, tuple[Any, ...], dict[str, Any]]] = []
+
+    def __getattr__(self, name: str) -> Any:
+        return lambda *about, **named: self.calls.append((name, about, named))
+
+
+@pytest.fixture
+def hub(monkeypatch: pytest.MonkeyPatch) -> HubApi:
+    api = HubApi()
+
+    @contextmanager
+    def client(_repo: str) -> Iterator[HubApi]:
+        yield api
+
+    monkeypatch.setattr(share, "hub_client", client)
+    return api
+
+
+@pytest.mark.parametrize("private", [False, True])
+def test_dataset_goes_to_the_hub_with_its_card_and_its_tag(
+    tmp_path: Path, hub: HubApi, private: bool
+) -> None:
+    root = record(tmp_path / "set", (2,))
+    assert share.push_dataset(root, "me/toy", private=private) == "https://hub/datasets/me/toy"
+    create, card, folder, tag = hub.calls
+    kind = {"repo_type": "dataset"}
+    assert create == ("create_repo", ("me/toy",), {**kind, "private": private, "exist_ok": True})
+    text = card[2].pop("path_or_fileobj").decode()
+    named = {"path_in_repo": "README.md", "repo_id": "me/toy", **kind}
+    assert (card[0], card[2]) == ("upload_file", named)
+    assert "\n# Toy-v0 on toy\n" in text and text.startswith("---\nlicense: mit\n")
+    assert "- LeRobot\n- BricksRL\n- reinforcement-learning\n" in text
+    assert "Recorded with BricksRL, in LeRobot's dataset format v3.0." in text
+    assert "data_files: data/*/*.parquet" in text and "- `action`, in -1..1: motor" in text
+    named = {
+        "repo_id": "me/toy",
+        "folder_path": str(root),
+        "allow_patterns": ["meta/**", "data/**", "videos/**"],
+        "ignore_patterns": "*/.*",
+        **kind,
+    }
+    assert folder == ("upload_folder", (), named)
+    assert tag == ("create_tag", ("me/toy",), {"tag": "v3.0", "exist_ok": True, **kind})
+
+
+def test_dataset_comes_from_the_hub_in_the_revision_that_is_asked_for(
+    tmp_path: Path, hub: HubApi
+) -> None:
+    out = tmp_path / "fetched"
+    with share.downloaded("me/toy", "dataset", out, ["a", "b"], "main") as folder:
+        assert not out.exists() and folder.is_dir()
+    ((name, about_repo, named),) = hub.calls
+    assert (name, about_repo) == ("snapshot_download", ("me/toy",))
+    assert named == {
+        "repo_type": "dataset",
+        "revision": "main",
+        "local_dir": str(folder),
+        "allow_patterns": ["a", "b"],
+        "max_workers": 2,
+    }
+    assert out.is_dir()
 
 
 # ---------------------------------------------------------------- summaries

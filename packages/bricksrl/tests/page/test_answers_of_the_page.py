@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import json
+import logging
+import os
 import queue
 import urllib.error
 import urllib.request
@@ -371,6 +373,44 @@ def test_message_that_is_too_long_ends_its_connection_alone() -> None:
         assert said(other, "pong") == 2
 
 
+def test_browser_that_does_not_answer_for_8_seconds_is_gone(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    page = page_of()
+    made: list[Any] = []
+
+    class Served:
+        connections = ()
+
+        async def __aenter__(self) -> Served:
+            assert page._ready.is_set() is False
+            page._closing.set()  # type: ignore[union-attr]
+            return self
+
+        async def __aexit__(self, *_: object) -> None:
+            return None
+
+    def serve(handler: Any, **named: Any) -> Served:
+        made.append((handler, named))
+        return Served()
+
+    monkeypatch.setattr("websockets.asyncio.server.serve", serve)
+    asyncio.run(page._serve("a socket"))  # type: ignore[arg-type]
+    ((handler, named),) = made
+    assert handler == page._serve_browser and page._ready.is_set()
+    logger = named.pop("logger")
+    assert not logger.isEnabledFor(logging.ERROR), "refused requests are not our errors"
+    assert named == {
+        "sock": "a socket",
+        "process_request": page._answer,
+        "compression": None,
+        "max_size": 4096,
+        "close_timeout": 0.5,
+        "ping_interval": 2.0,
+        "ping_timeout": 8.0,
+    }
+
+
 # ---------------------------------------------------------------- programs
 
 
@@ -669,3 +709,75 @@ def test_visitors_of_a_job_are_asked_at_its_page(monkeypatch: pytest.MonkeyPatch
         monkeypatch.setattr(start_page, "_DIRECTLY", SimpleNamespace(open=way))
         assert job.visitors() == found
     assert asked == [("http://127.0.0.1:8091/visitors.json?token=x", 0.5)]
+
+
+def test_command_is_started_in_a_group_of_its_own_with_its_input_to_end_it(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    started: list[Any] = []
+    asked: list[tuple[str, ...]] = []
+
+    def own_python(*words: str) -> tuple[list[str], dict[str, str]]:
+        asked.append(words)
+        return ["python", *words], {"HOME": "/home/ada"}
+
+    monkeypatch.setattr(start_page, "own_python", own_python)
+    monkeypatch.setattr(
+        start_page.subprocess, "Popen", lambda command, **named: started.append((command, named))
+    )
+    start_page.launch(["play", "Walker-v1"], tmp_path)
+    words = ("-u", "-m", "bricksrl.cli.job", "play", "Walker-v1")
+    assert asked == [words]
+    ((command, named),) = started
+    assert command == ["python", *words]
+    named.pop("creationflags")
+    pipe = start_page.subprocess.PIPE
+    assert named == {
+        "cwd": tmp_path,
+        "env": {"HOME": "/home/ada", "PYTHONIOENCODING": "utf-8"},
+        "stdin": pipe,
+        "stdout": pipe,
+        "stderr": start_page.subprocess.STDOUT,
+        "encoding": "utf-8",
+        "errors": "replace",
+        "start_new_session": True,
+    }
+
+
+class Deaf(Process):
+    """A command that hears of no end, and notes how it is ended."""
+
+    def __init__(self, log: list[Any], *, is_deaf: bool) -> None:
+        super().__init__([])
+        self.log = log
+        self.pid = 7
+        self.is_deaf = is_deaf
+        self.stdin = SimpleNamespace(close=lambda: log.append("input ends"))
+
+    def wait(self, timeout: float | None = None) -> None:
+        self.log.append("wait" if timeout is None else ("wait", timeout))
+        if timeout is not None and self.is_deaf:
+            raise start_page.subprocess.TimeoutExpired("x", timeout)
+
+    def kill(self) -> None:
+        self.log.append("kill")
+
+
+@pytest.mark.skipif(not hasattr(os, "killpg"), reason="groups of processes are of POSIX")
+@pytest.mark.parametrize("is_deaf", [False, True])
+def test_command_that_does_not_end_in_time_is_killed_with_its_group(
+    monkeypatch: pytest.MonkeyPatch, is_deaf: bool
+) -> None:
+    log: list[Any] = []
+    monkeypatch.setattr(start_page.time, "monotonic", lambda: 100.0)
+    monkeypatch.setattr(start_page, "kill_frozen", lambda pid: log.append(("frozen", pid)))
+    monkeypatch.setattr(start_page.os, "killpg", lambda *about: log.append(("group", *about)))
+    job = start_page.Job(1, "play", "x", Deaf(log, is_deaf=is_deaf))  # type: ignore[arg-type]
+    job.ask_to_end()
+    job.end_by(102.5)
+    killed = [("frozen", 7), "kill", "wait"] if is_deaf else []
+    group = ("group", 7, start_page.signal.SIGKILL)
+    assert log == ["input ends", ("wait", 2.5), *killed, group]
+    log.clear()
+    job.end_by(90.0)
+    assert log[0] == ("wait", 0.0), "what is late waits no more"
