@@ -40,6 +40,7 @@ from bricksrl.data.summary import Summary, plot
 from bricksrl.envs import get_task
 from bricksrl.envs.env_interface import BricksEnv
 from bricksrl.errors import DataError
+from bricksrl.plotting import INK, MUTED
 
 VECTOR = {
     "observation.state": (2, ["angle", "distance"]),
@@ -809,6 +810,16 @@ def test_plots_are_in_rows_of_four(
     assert dpi == 100 and len(figure.axes) == 4 * rows
     visible = [axes.get_visible() for axes in figure.axes]
     assert visible == [True] * (4 * rows - empty) + [False] * empty
+    title = figure._suptitle
+    assert (title.get_position()[0], title.get_ha()) == (0.01, "left")
+    assert (title.get_fontsize(), title.get_fontweight(), title.get_color()) == (13, "bold", INK)
+    for axes in figure.axes[: 4 * rows - empty]:
+        (name,) = [one for one in (axes._left_title, axes.title) if one.get_text()]
+        assert (name.get_fontsize(), name.get_color()) == (10, INK)
+        (label, *_) = axes.get_xticklabels()
+        assert (label.get_fontsize(), label.get_color()) == (8, MUTED)
+    for label in (figure.axes[0].yaxis.label, *(one.xaxis.label for one in figure.axes[1:3])):
+        assert (label.get_fontsize(), label.get_color()) == (8, MUTED)
     assert figure.axes[2].get_title(loc="left") == "entry_0", "without a unit"
     for axes in figure.axes:
         assert not axes.spines["top"].get_visible() and not axes.spines["right"].get_visible()

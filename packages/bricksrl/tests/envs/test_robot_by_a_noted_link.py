@@ -433,6 +433,32 @@ def test_scenes_are_those_of_the_pages() -> None:
     assert get_task("RoboArm_mixed-v0").scene.ball and not get_task("RoboArm-v0").scene.ball
 
 
+LEGS = ["left_front_angle", "right_front_angle", "left_back_angle", "right_back_angle"]
+WHEELS = ["left_angle", "right_angle"]
+# By task: what it says of itself, and which of its entries run around from 360 to 0 degrees.
+KINDS: dict[str, tuple[set[str], list[str]]] = {
+    "LineFollow-v0": ({"walks", "streams"}, []),
+    "Park-v0": ({"observes_commands"}, []),
+    "RoboArm-v0": (set(), ["rotation_angle", "rotation_goal"]),
+    "RoboArm_mixed-v0": (set(), ["rotation_angle"]),
+    "RunAway-v0": (set(), WHEELS),
+    "Spinning-v0": (set(), WHEELS),
+    "Walker-v0": ({"walks"}, LEGS),
+    "Walker-v1": ({"walks", "symmetric"}, LEGS),
+    "Walker-v2": ({"walks", "symmetric", "streams", "observes_commands"}, LEGS),
+    "WalkerSim-v0": ({"walks", "symmetric"}, LEGS),
+}
+
+
+@pytest.mark.parametrize("env_id", KINDS)
+def test_tasks_measure_mirror_and_stream_what_their_pages_say(env_id: str) -> None:
+    task = get_task(env_id)
+    kinds, wraps = KINDS[env_id]
+    flags = ("walks", "symmetric", "streams", "observes_commands")
+    assert {flag for flag in flags if getattr(task, flag)} == kinds
+    assert [entry.name for entry in task.entries if entry.wraps] == wraps
+
+
 def test_walkers_of_other_step_times_walk_for_25_seconds() -> None:
     assert [get_task("Walker-v1", step_ms=ms).max_steps for ms in (250, 100, 1000)] == [
         100,

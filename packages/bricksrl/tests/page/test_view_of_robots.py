@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -12,6 +13,7 @@ import numpy as np
 import pytest
 import torch
 from tensordict import TensorDict
+from torchrl.envs.utils import ExplorationType, exploration_type
 
 from brickhub.entry import Entry
 from brickhub.robot import HubKind, Motor
@@ -28,8 +30,12 @@ from bricksrl.page.arena import ArenaPage
 from bricksrl.page.board import IMAGE, POSES, Board, BoardReader
 from bricksrl.page.hand import Hand
 from bricksrl.page.live import PUSH_TIMEOUT_S, LivePage, PageDriver
+from bricksrl.page.plan_view import PlanView
+from bricksrl.page.program import ProgramPage
 from bricksrl.page.robot_view import RobotView
-from bricktwin.robots import ROBO_ARM, TWO_WHEELER, WALKER
+from bricksrl.page.server import PageOptions
+from bricktwin.plans.plan import read_plan
+from bricktwin.robots import ROBO_ARM, TWO_WHEELER, WALKER, plans
 from bricktwin.twin.models.mjcf import overview_of
 from bricktwin.twin.scene import OPEN_FLOOR, Goal
 
@@ -350,6 +356,47 @@ def test_driven_robots_of_an_arena_get_the_actions_of_their_drivers() -> None:
     # What it tells remains its policy's.
     assert steered[1] == pytest.approx([1.0, -0.5, 0.3, 0.4])
     assert steered[0] == pytest.approx([0.1, 0.2, 0.3, 0.4])
+
+
+def test_pages_are_served_where_their_options_say() -> None:
+    options = PageOptions(page_port=4321)
+    plan = read_plan(Path(plans.__path__[0]) / "two_wheeler.ldr")
+    pages = (
+        LivePage("a run", options=options),
+        ArenaPage(TAG, options=options),
+        ProgramPage("main.py", options),
+        PlanView(plan, options),
+    )
+    assert [page._options for page in pages] == [options] * 4
+    for page in pages:
+        assert page.board.status[1]["title"]
+    assert ArenaPage(TAG, "seed 1").board.status[1]["subtitle"] == "seed 1"
+
+
+def test_arena_is_played_for_as_long_as_is_asked_and_without_chance(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    asked: list[Any] = []
+
+    def play(*about: Any, **named: Any) -> list[float]:
+        asked.append((about[:2], named, torch.is_grad_enabled(), exploration_type()))
+        return [1.5]
+
+    monkeypatch.setattr(arena, "play_endlessly", play)
+    stop = threading.Event()
+    env: Any = SimpleNamespace(task=TAG)
+    page = ArenaPage(TAG)
+    assert arena.play_arena(env, page, lambda state: state, episodes=3, stop=stop) == [1.5]  # type: ignore[arg-type]
+    named = {"episodes": 3, "stop": stop}
+    assert asked == [((env, page), named, False, ExplorationType.DETERMINISTIC)]
+
+
+def test_curves_of_episodes_are_kept_longer_than_those_of_steps() -> None:
+    page = LivePage("RunAway-v0", task=TASK)
+    kept = {name: series.max_rows for name, series in page.board.series.items()}
+    assert kept == {"return": 4000, "reward": 400, "channels": 400}
+    assert page.board.series["return"].names == ("return of each episode",)
+    assert page.board.series["reward"].names == ("reward of each step",)
 
 
 # ---------------------------------------------------------------- what is shown of steps
