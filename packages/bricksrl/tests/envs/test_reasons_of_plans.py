@@ -37,7 +37,7 @@ REASONS = {
         "ahead": "its drive base does that without learning",
         "reach": NO_JOINT,
     },
-    PLANS / "robo_arm.ldr": {
+    EXAMPLES / "drawings" / "crane.ldr": {
         "walk": "no motor turns what reaches the floor",
         "upright": NO_AXLE,
         "stop": NO_WHEEL,
