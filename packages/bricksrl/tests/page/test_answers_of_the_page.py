@@ -617,6 +617,84 @@ def test_jobs_of_the_start_page_are_numbered_and_the_newest_stands_first(
     ]
 
 
+def test_visitors_are_told_why_in_whole_sentences(
+    page: StartPage, started: list[Process], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ada, ben = page.visitors.arrive("a", "Ada"), page.visitors.arrive("b", "Ben")
+    page._press("drive", "Spinning-v0", ada)
+    page._press("end", 1, ben)
+    seat = "Spinning-v0 (job 1)"
+    assert page.board.status[1]["questions"] == {seat: "Ben"}
+    assert page.board.status[1]["holders"] == {seat: "Ada"}
+    for nonsense in (None, [seat], [seat, True, True], ["other", True]):
+        page._press("answer", nonsense, ada)
+    assert started[0].code is None
+    page._press("answer", [seat, True], ada)
+    assert started[0].code == 0
+    assert ada.note == "Spinning-v0 was ended for Ben, as you said yes."
+    assert page.board.status[1]["jobs"][0]["why"] == "ended for Ben"
+    assert page.board.status[1]["holders"] == page.board.status[1]["questions"] == {}
+    monkeypatch.setattr(start_page, "_MAX_ROBOTS", 2)
+    page._press("check ble", "Park-v0")
+    page._press("drive", "Spinning-v0", ada)
+    page._press("play", "Walker-v1", ben)
+    room = "2 robots are at work already (somebody, Ada); end one of them, or ask for it"
+    assert ben.note == room and len(started) == 3
+    monkeypatch.setattr(start_page, "_MAX_ROBOTS", 6)
+    page._press("check ble", "Park-v0", ben)
+    assert ben.note == "somebody checks a hub; wait for its end, or ask for it"
+    page._press("check usb", "Park-v0", ben)
+    assert len(started) == 4, "another hub"
+    page._press("play", "nothing", ben)
+    assert ben.note.startswith("there is no environment 'nothing'; choose ")
+    assert page.board.status[1]["message"] == ""
+    page._press("fly", "Park-v0")
+    assert page.board.status[1]["message"].startswith("there is no button 'fly'; choose play, ")
+    page._press("end", 99)
+    assert page.board.status[1]["message"] == ""
+
+
+def test_play_whose_tabs_are_closed_says_why_it_ended(
+    page: StartPage, started: list[Process], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now_s = [1000.0]
+    monkeypatch.setattr(start_page.time, "monotonic", lambda: now_s[0])
+    ada = page.visitors.arrive("a", "Ada")
+    page._press("play", "Walker-v1", ada)
+    (job,) = page._jobs
+    there = {"here": [], "asleep": False, "came": True}
+    monkeypatch.setattr(start_page.Job, "visitors", lambda _job: there)
+    page._end_deserted()
+    assert job.empty_s is None, "it has no page yet"
+    job.url = "http://127.0.0.1:9/?token=x"
+    page._end_deserted()
+    assert job.empty_s is None, "its owner is still at the start page"
+    page.visitors.leave(ada, closed=True)
+    for now_s[0], code in ((1001.0, None), (1006.0, None), (1006.1, 0)):
+        page._end_deserted()
+        assert started[0].code == code, now_s
+    assert job.why == "ended, as all its tabs were closed"
+
+
+def test_owner_who_is_at_the_robot_keeps_it(
+    page: StartPage, started: list[Process], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now_s = [1000.0]
+    monkeypatch.setattr(start_page.time, "monotonic", lambda: now_s[0])
+    ada = page.visitors.arrive("a", "Ada")
+    page._press("play", "Walker-v1", ada)
+    (job,) = page._jobs
+    job.url = "http://127.0.0.1:9/?token=x"
+    page.visitors.leave(ada, closed=True)
+    there = {"here": [ada.key], "asleep": False, "came": True}
+    monkeypatch.setattr(start_page.Job, "visitors", lambda _job: there)
+    for now_s[0] in (1100.0, 1200.0):
+        page._end_deserted()
+        page._tick()
+    assert ada.left_s == 1200.0 and started[0].code is None
+    assert page.board.status[1]["holders"] == {"Walker-v1 (job 1)": "Ada"}
+
+
 def test_folder_is_told_from_the_home_folder_on(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
