@@ -15,6 +15,7 @@ from tensordict import TensorDict
 from torchrl.data import Unbounded
 
 from brickhub.entry import Entry
+from brickhub.hub.interface import RunAngle, Wait
 from bricksrl.envs.arenas import ARENAS, arena_summary, get_arena_task, make_arena
 from bricksrl.envs.arenas.arena_env import ArenaEnv, _distance_m
 from bricksrl.envs.arenas.arena_task import ArenaState, ArenaTask, steer_towards
@@ -325,6 +326,60 @@ def test_who_carries_sees_the_beam_and_its_mate() -> None:
         [0.1, -0.2, 0.0, 1.0, 0.2, -0.2, math.cos(turn), math.sin(turn), 0.4, 0.1, -0.5, 1.0],
         abs=1e-6,
     )
+
+
+def test_random_robots_act_and_tell_in_their_whole_range() -> None:
+    torch.manual_seed(0)
+    for task in (TAG, GATE):
+        actions = task.script("random")(torch.zeros(4000, 10))
+        assert actions.shape == (4000, task.action_size)
+        assert -1.0 <= actions.min() < -0.99 and 0.99 < actions.max() <= 1.0
+        assert actions.mean().abs() < 0.05
+    with pytest.raises(DescriptionError) as caught:
+        TAG.script("fly")
+    says = "task Tag-v0: there is no script 'fly'; choose random, flee, chase"
+    assert str(caught.value) == says
+
+
+def test_gate_and_beam_are_as_large_as_their_pages_say() -> None:
+    assert GATE.mark is not None
+    places = GATE.mark(torch.tensor([0.25]))
+    assert places.tolist() == [
+        pytest.approx([0.4, y_m]) for y_m in (0.0, 0.25, 0.25 - 0.12, 0.25 + 0.12)
+    ]
+    halves = {mark.name: mark.half_size_m[1] for mark in GATE.arena.marks}
+    assert halves == {"line": 0.8, "gate": 0.12, "right_post": 0.014, "left_post": 0.014}
+    (beam,) = CARRY.arena.loads
+    assert beam.half_size_m[1] == 0.35, "0.7 m, across"
+    assert beam.place.x_m == (0.12, 0.12) and beam.place.y_m == (0.0, 0.0)
+    assert [robot.place.y_m for robot in CARRY.arena.robots] == [
+        pytest.approx((0.17, 0.23)),
+        pytest.approx((-0.23, -0.17)),
+    ]
+
+
+def test_groups_and_steps_of_the_arenas() -> None:
+    found = {
+        task.id: (task.robots, dict(task.groups), task.max_steps, dict(task.opponents))
+        for task in (TAG, CARRY, GATE)
+    }
+    assert found == {
+        "Tag-v0": (
+            ("catcher", "runner"),
+            {"catcher": ("catcher",), "runner": ("runner",)},
+            80,
+            {"catcher": "chase", "runner": "flee,random"},
+        ),
+        "Carry-v0": (("left", "right"), {"agents": ("left", "right")}, 60, {}),
+        "Guide-v0": (("guide", "driver"), {"agents": ("guide", "driver")}, 40, {}),
+    }
+    speeds = {TAG.id: 900, CARRY.id: 700, GATE.id: 900}
+    for task in (TAG, CARRY, GATE):
+        for interface in task.interfaces:
+            assert interface.settle == Wait(250)
+            for command in interface.commands[:2]:
+                assert isinstance(command, RunAngle)
+                assert command.speed_deg_s == speeds[task.id]
 
 
 # ---------------------------------------------------------------- the air
