@@ -28,7 +28,7 @@ from toys import Cart
 from brickhub.entry import Entry
 from bricksrl.data import About, Recorder, load, share, summary
 from bricksrl.data import collect as collecting
-from bricksrl.data.collect import about, random_policy, step_of
+from bricksrl.data.collect import about, collect, random_policy, step_of
 from bricksrl.data.csv_files import export_csv
 from bricksrl.data.dataset import Dataset, dataset_folder, existing_dataset
 from bricksrl.data.edit import merge
@@ -462,6 +462,33 @@ def test_random_actions_are_uniform_and_their_own() -> None:
     torch.manual_seed(1)
     again = random_policy(Cart(), 3)
     assert torch.equal(torch.cat([again(TensorDict({}, []))["action"]]), shares[:1])
+
+
+def test_recording_that_goes_on_another_day_equals_one_in_a_single_piece(tmp_path: Path) -> None:
+    def recorded(root: Path, *parts: int, seed: int = 3) -> Any:
+        for episodes in parts:
+            cart = Cart()
+            with Recorder(root, describe(cart)) as recorder:
+                rows = collect(
+                    cart,
+                    lambda state: state.set("action", torch.tensor([0.5])),
+                    recorder,
+                    episodes,
+                    name="ahead",
+                    seed=seed,
+                )
+                assert len(rows) == episodes
+        return load(root)
+
+    whole = recorded(tmp_path / "whole", 3)
+    parts = recorded(tmp_path / "parts", 2, 1)
+    assert torch.equal(whole.observation, parts.observation)
+    seeds = [row.about.seed for row in whole.rows]
+    assert seeds == [row.about.seed for row in parts.rows] and len(set(seeds)) == 3
+    assert all(seed is not None and 0 <= seed < 2**31 for seed in seeds)
+    other = recorded(tmp_path / "other", 1, seed=4)
+    assert other.rows[0].about.seed != seeds[0]
+    assert all((row.about.policy, row.about.hub) == ("ahead", "") for row in whole.rows)
 
 
 # ---------------------------------------------------------------- other formats

@@ -166,6 +166,16 @@ def test_features_are_unbounded_and_of_the_encoder_s_size() -> None:
     env.close()
 
 
+def test_all_environments_are_registered_with_their_steps() -> None:
+    for env_id in bricksrl.list_envs():
+        spec = gymnasium.spec(f"bricksrl/{env_id}")
+        assert spec.max_episode_steps == get_task(env_id).max_steps
+        assert spec.kwargs == {"env_id": env_id}
+        assert spec.entry_point == "bricksrl.interfaces.gymnasium:GymnasiumEnv"
+        vector = "bricksrl.interfaces.gymnasium:GymnasiumVectorEnv"
+        assert spec.vector_entry_point == (vector if "Sim-" in env_id else None)
+
+
 class Renderer:
     """A renderer that notes when it is closed."""
 
