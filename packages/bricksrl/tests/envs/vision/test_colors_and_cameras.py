@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from bricksrl.envs.vision import color_calibration
-from bricksrl.envs.vision.camera import CameraView, VideoCamera, VisualGoal
+from bricksrl.envs.vision.camera import CameraView, TwinCamera, VideoCamera, VisualGoal, Watch
 from bricksrl.envs.vision.color_calibration import (
     FoundRed,
     calibrate_red,
@@ -24,7 +24,7 @@ from bricksrl.envs.vision.color_calibration import (
     write_red,
 )
 from bricksrl.envs.vision.frames import Frame, RedWindow, find_red
-from bricksrl.errors import CameraError, DescriptionError
+from bricksrl.errors import CameraError, DescriptionError, RenderingUnavailableError
 
 Color = tuple[int, int, int]
 
@@ -344,3 +344,84 @@ def test_camera_that_does_not_fit_is_released(
         VideoCamera(VIEW).frame()
     assert str(caught.value) == says
     assert opencv.log == [*OPENED, "grab", "read", "release"]
+
+
+class Drawer:
+    """A renderer of a robot, which notes how it was made."""
+
+    def __init__(self, *about: Any, **named: Any) -> None:
+        self.about = about
+        self.named = named
+        self.closed = 0
+        self.drawn = 0
+
+    def render(self) -> str:
+        self.drawn += 1
+        return f"picture {self.drawn}"
+
+    def close(self) -> None:
+        self.closed += 1
+
+
+@pytest.mark.parametrize("has_opengl", [True, False])
+def test_twin_is_drawn_by_opengl_or_else_by_rays(
+    monkeypatch: pytest.MonkeyPatch, has_opengl: bool
+) -> None:
+    made: list[tuple[str, Drawer]] = []
+
+    class Body:
+        pass
+
+    def opengl(*about: Any, **named: Any) -> Drawer:
+        if not has_opengl:
+            raise RenderingUnavailableError("no OpenGL; install some")
+        made.append(("opengl", Drawer(*about, **named)))
+        return made[-1][1]
+
+    def rays(*about: Any, **named: Any) -> Drawer:
+        made.append(("rays", Drawer(*about, **named)))
+        return made[-1][1]
+
+    monkeypatch.setattr("bricktwin.twin.mujoco_body.MujocoBody", Body)
+    monkeypatch.setattr("bricktwin.twin.render.opengl.Renderer", opengl)
+    monkeypatch.setattr("bricktwin.twin.render.raycast.RayCaster", rays)
+    body: Any = Body()
+    view = CameraView("side", width_px=80, height_px=60, image_px=20, spot_px=7)
+    camera = TwinCamera(body, view)
+    camera.close()
+    assert [camera.frame() for _ in range(2)] == ["picture 1", "picture 2"]
+    ((name, drawer),) = made
+    if has_opengl:
+        assert (name, drawer.about, drawer.named) == (
+            "opengl",
+            (body, 80, 60, "side"),
+            {"smooth": False},
+        )
+    else:
+        assert (name, drawer.about, drawer.named) == ("rays", (body, 80, 60, "side", 7), {})
+    camera.close()
+    camera.close()
+    assert drawer.closed == 1
+    assert camera.frame() == "picture 1" and len(made) == 2
+    with pytest.raises(RenderingUnavailableError) as caught:
+        TwinCamera(object(), view).frame()  # type: ignore[arg-type]
+    says = "the virtual robot has no picture; give it a MuJoCo model or no camera"
+    assert str(caught.value) == says
+
+
+def test_watch_begins_with_nothing_seen_and_keeps_the_last_mean() -> None:
+    view = CameraView(
+        width_px=60,
+        height_px=40,
+        image_px=20,
+        goal=VisualGoal(((30, 20),), radius_px=3, red=RedWindow(area_px=0)),
+    )
+    watch = Watch(view, np.random.default_rng(0), grey())
+    farthest_px = float(np.hypot(60, 40))
+    assert watch.goal == (30, 20) and watch.numbers() == (0.0, farthest_px)
+    watch.see(grey((33, 24, 1, 1, (200, 20, 20)), (30, 30, 1, 1, (200, 20, 20))))
+    assert watch.numbers() == (7.5, 5.0)
+    watch.see(grey())
+    assert watch.numbers() == (7.5, farthest_px)
+    # The green disc stands at the goal of the small image.
+    assert watch.image[10, 10].tolist() == [0, 255, 0]
