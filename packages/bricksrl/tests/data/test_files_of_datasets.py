@@ -15,11 +15,13 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 import test_lerobot
 import torch
 from tensordict import TensorDict
+from test_lerobot import edit as edit_column
 from test_lerobot import info as edit_info
 from test_lerobot import lerobot
 from toy_data import SEEING, TOY, record
@@ -565,6 +567,48 @@ def test_numbers_of_an_index_of_lerobot_are_looked_at(
 ) -> None:
     with pytest.raises(DataError, match=says):
         read_lerobot(lerobot(tmp_path / "set", **change))
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda values: values.flatten(),
+        lambda values: pa.array(values.to_pylist(), pa.list_(pa.float32())),
+        lambda values: pa.array(values.to_pylist(), pa.large_list(pa.float64())),
+    ],
+)
+def test_numbers_of_lerobot_are_read_from_lists_of_any_kind(tmp_path: Path, change: Any) -> None:
+    root = lerobot(tmp_path / "set")
+    before = load(root).action
+    edit_column(root, 1, "action", change)
+    assert torch.equal(load(root).action, before)
+
+
+@pytest.mark.parametrize(
+    ("column", "change", "says"),
+    [
+        ("action", lambda values: pa.array([1, 2, 3, 4]), None),
+        ("action", lambda values: pa.array([[1], [2], [3], [4]]), "1 number"),
+        ("action", lambda values: pa.array([[1.0, 2.0]] * 4), "1 number"),
+        ("action", lambda values: pa.array([[1.0]] * 3 + [[None]]), "1 number"),
+        ("observation.state", lambda values: pa.array([1.0] * 4), "5 numbers"),
+        ("index", lambda values: pa.array([[6], [7], [8], [9]]), "1 number"),
+    ],
+)
+def test_columns_of_lerobot_that_hold_something_else_are_told(
+    tmp_path: Path, column: str, change: Any, says: str | None
+) -> None:
+    root = lerobot(tmp_path / "set")
+    edit_column(root, 1, column, change)
+    if says is None:
+        assert load(root).action[5:8, 0].tolist() == pytest.approx([0.01, 0.02, 0.03])
+        return
+    path = root / "data/chunk-000/file-001.parquet"
+    with pytest.raises(DataError) as caught:
+        load(root)
+    assert str(caught.value) == (
+        f"{path}: the column {column} does not hold {says} in each frame; restore it"
+    )
 
 
 @pytest.mark.parametrize(

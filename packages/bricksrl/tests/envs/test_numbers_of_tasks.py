@@ -739,6 +739,25 @@ def test_value_that_is_no_number_or_out_of_its_range_is_broken(
     assert str(caught.value) == f"{', '.join(texts)}; correct the client, or the range"
 
 
+def test_first_observation_is_of_numbers(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Unknown(SimulatedEnv):
+        def _reset(self, tensordict: Any = None, **named: Any) -> Any:
+            state = super()._reset(tensordict, **named)
+            state["observation"][2:] = torch.nan
+            state["observation"][:2] = 1.25
+            return state
+
+    task = get_task("RoboArmSim-v0")
+    monkeypatch.setattr(
+        env_checker, "make", lambda _id, seed: Unknown(task, Kinematics(0.0), seed=seed)
+    )
+    with pytest.raises(env_checker.Broken) as caught:
+        env_checker._reset(task.id)
+    numbers = f"[1.25, 1.25, {', '.join(['nan'] * 6)}]"
+    says = f"the observation holds {numbers}; all entries have to be numbers"
+    assert str(caught.value) == says
+
+
 def test_checks_are_told_by_what_they_raise() -> None:
     def fail(error: Exception) -> Any:
         def check() -> str:
