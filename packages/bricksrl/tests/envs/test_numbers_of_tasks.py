@@ -1,5 +1,5 @@
-"""Numbers around a task: poses on the floor, layouts of observations, texts of the registry and of
-the checker, against independent formulas."""
+"""Numbers around a task: poses on the floor, entries and goals, texts of the registry, and
+simulations, against independent formulas."""
 
 from __future__ import annotations
 
@@ -15,7 +15,6 @@ import pytest
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from torchrl.data import Bounded, Composite, Unbounded
 
 import bricksrl
 from brickhub.entry import Entry
@@ -27,9 +26,7 @@ from brickhub.hub.interface import (
     UntilDone,
     Wait,
 )
-from bricksrl.envs import env_checker, registry
-from bricksrl.envs.env import outside_text
-from bricksrl.envs.env_checker import _cells, _first_wrong, _functions, _values_of, check_env, table
+from bricksrl.envs import registry
 from bricksrl.envs.episode_state import EpisodeState
 from bricksrl.envs.host_sensors.host_sensor import HostSensor
 from bricksrl.envs.hub_policy import by_steps_because, most_steps
@@ -47,21 +44,14 @@ from bricksrl.envs.robot_env import chance_of
 from bricksrl.envs.rollout import Rollout
 from bricksrl.envs.simulation import SimulatedEnv, resolve_device
 from bricksrl.envs.specs import (
-    ImageShape,
-    NominalBounded,
-    Number,
-    ObservationLayout,
     SpecsEnv,
-    end_specs,
-    observed_specs,
-    spec_entries,
 )
 from bricksrl.envs.task import Kinematics, SampledEntry, metrics_of, success_of
 from bricksrl.envs.tasks.park import PARK
 from bricksrl.envs.tasks.run_away import RUN_AWAY
 from bricksrl.envs.tasks.spinning import SPINNING
 from bricksrl.envs.vision.camera import CameraView, VisualGoal
-from bricksrl.errors import BricksError, DescriptionError, RunError, UnknownOptionError
+from bricksrl.errors import DescriptionError, RunError, UnknownOptionError
 from bricktwin.robots import TWO_WHEELER
 from bricktwin.twin.scene import Goal, Scene
 from bricktwin.twin.standing import Pose
@@ -359,167 +349,6 @@ def test_who_acts_step_by_step_knows_why() -> None:
         assert by_steps_because(task, options) == reason
 
 
-# ---------------------------------------------------------------- layouts
-
-ANGLE = Entry("arm_angle", 0.0, 360.0, "deg", wraps=True)
-GOAL = Entry("arm_goal", 0.0, 360.0, "deg", wraps=True)
-JOINT_GOAL = Entry("low_goal", -90.0, 90.0, "deg")
-JOINT = Entry("low_angle", -90.0, 90.0, "deg")
-FREE = Entry("embedding")
-
-
-def layout(*numbers: Number) -> ObservationLayout:
-    return ObservationLayout.of_numbers({"observation": numbers}, [(len(numbers),)], ())
-
-
-def test_goals_are_paired_with_the_angles_of_their_kind_and_frame() -> None:
-    def goals(*numbers: Number) -> tuple[tuple[int, int], ...]:
-        return layout(*numbers).goals
-
-    assert goals(Number(GOAL), Number(ANGLE), Number(JOINT), Number(JOINT_GOAL)) == ((0, 1), (3, 2))
-    assert goals(Number(GOAL), Number(JOINT)) == ()
-    assert goals(Number(GOAL, frame=1), Number(ANGLE)) == ()
-    straight = replace(ANGLE, wraps=False)
-    assert goals(Number(GOAL), Number(straight)) == (), "a difference would mean nothing"
-    twice = [Number(ANGLE), Number(GOAL), Number(ANGLE), Number(GOAL)]
-    assert goals(*twice) == ((1, 0), (3, 2))
-
-
-def test_numbers_of_known_entries_keep_their_units_and_others_are_left_to_transforms() -> None:
-    wide = Entry("wind", 0.0, 10.0)
-    numbers = [Number(wide, 2.0, 1.0), Number(FREE, 3.0, 4.0), Number(ANGLE, 0.5, 0.0)]
-    found = layout(*numbers)
-    assert (found.scale, found.offset) == ((2.0, 1.0, 0.5), (1.0, 0.0, 0.0))
-    assert (found.low, found.high) == ((0.0, -math.inf, 0.0), (10.0, math.inf, 360.0))
-    assert found.wraps == (False, False, True) and found.frames == (0, 0, 0)
-    assert found.names == ("wind", "embedding", "arm_angle")
-    plain = layout(Number(wide), Number(FREE, 3.0, 4.0))
-    assert (plain.scale, plain.offset) == ((), ()), "none has a scale that counts"
-    half = replace(FREE, low=0.0)
-    assert layout(Number(half, 3.0, 4.0), Number(wide, 2.0)).scale == (1.0, 2.0)
-    free_goal, free_angle = (replace(one, low=-math.inf) for one in (JOINT_GOAL, JOINT))
-    paired = layout(Number(free_goal, 2.0), Number(free_angle, 2.0))
-    assert paired.scale == (2.0, 2.0), "a goal and its angle are compared"
-
-
-def test_places_are_those_of_the_newest_numbers_in_their_own_units() -> None:
-    numbers = [
-        Number(ANGLE, frame=1),
-        Number(ANGLE),
-        Number(JOINT, scale=2.0),
-        Number(GOAL, offset=1.0),
-        Number(JOINT_GOAL),
-    ]
-    assert layout(*numbers).places == {"arm_angle": 1, "low_goal": 4}
-    assert layout(Number(ANGLE), Number(JOINT)).places == {"arm_angle": 0, "low_angle": 1}
-
-
-def test_past_numbers_are_known_by_the_newest_of_their_entry() -> None:
-    numbers = [
-        Number(ANGLE, frame=2),
-        Number(ANGLE, frame=1),
-        Number(JOINT, frame=1),
-        Number(ANGLE),
-    ]
-    assert layout(*numbers).past == {0: 3, 1: 3}
-    assert layout(Number(JOINT, frame=2), Number(JOINT, frame=1)).past == {0: 1}
-    assert ObservationLayout((0.0,), (1.0,), (False,)).past == {}
-
-
-def test_keys_of_a_layout_are_those_of_vectors_and_images() -> None:
-    image = ImageShape("image", 8, 3, True)
-    found = ObservationLayout.of_numbers(
-        {"a": [Number(FREE)], "b": [Number(JOINT)]}, [(1,), (1, 1)], (image,)
-    )
-    assert found.keys == ["a", "b", "image"]
-    assert found.vectors == (("a", (1,)), ("b", (1, 1))) and found.images == (image,)
-
-
-def test_entries_without_names_are_numbered_with_the_ends_of_their_spec() -> None:
-    bounded = spec_entries(
-        Bounded(torch.tensor([[0.0], [-2.0]]), torch.tensor([[1.0], [3.0e38]])), "x"
-    )
-    assert [(entry.name, entry.low, entry.high) for entry in bounded] == [
-        ("x_0", 0.0, 1.0),
-        ("x_1", -2.0, pytest.approx(3.0e38)),
-    ]
-    named = NominalBounded.of((ANGLE, JOINT))
-    assert spec_entries(named, "x") == (ANGLE, JOINT)
-    assert [entry.name for entry in spec_entries(named.expand(2, 2), "x")] == [
-        "x_0",
-        "x_1",
-        "x_2",
-        "x_3",
-    ]
-
-
-@pytest.mark.parametrize(
-    ("shape", "nominal"),
-    [
-        ((2,), [False, True]),
-        ((4,), [False, True, False, True]),
-        ((1, 2), [[False, True]]),
-        ((2, 1), [[False], [True]]),
-        ((3,), [True, True, True]),
-        ((3, 2), [[False, True]] * 3),
-    ],
-)
-def test_nominal_numbers_are_known_behind_stacks_and_further_dimensions(
-    shape: tuple[int, ...], nominal: Any
-) -> None:
-    spec = NominalBounded(torch.zeros(shape), torch.ones(shape))
-    assert spec.nominal.tolist() == torch.ones(shape, dtype=torch.bool).tolist()
-    spec.entries = (Entry("held", 0.0, 1.0), Entry("free", 0.0, 1.0, limits=(-5.0, 5.0)))
-    assert spec.nominal.tolist() == nominal
-
-
-def test_keys_about_an_episode_are_read_by_no_agent() -> None:
-    spec = Composite(
-        observation=Unbounded(2),
-        step_count=Unbounded(1),
-        link_lost=Unbounded(1),
-        _secret=Unbounded(1),
-        empty=Composite(),
-        image=Unbounded((4, 4, 3)),
-    )
-    env: Any = SimpleNamespace(full_observation_spec_unbatched=spec)
-    assert list(observed_specs(env)) == ["observation", "image"]
-    for wrong, says in ((Unbounded(()), r"shape \[\]"), (Composite(x=Unbounded(1)), "Composite")):
-        env.full_observation_spec_unbatched = Composite(wrong=wrong)
-        with pytest.raises(DescriptionError, match=f"an agent reads no 'wrong' .{says}.; rename"):
-            observed_specs(env)
-
-
-def test_ends_of_an_episode_are_flags() -> None:
-    for batch in ((), (3,)):
-        specs = end_specs(batch)
-        assert set(specs.keys()) == {"done", "terminated", "truncated"}
-        for name in specs.keys():  # noqa: SIM118  a spec is no dict
-            assert specs[name].shape == (*batch, 1) and specs[name].dtype == torch.bool
-
-
-def test_environment_that_is_elsewhere_makes_no_step() -> None:
-    env = SpecsEnv({}, SPINNING)
-    for act in (env._reset, lambda: env._step({})):
-        with pytest.raises(
-            BricksError, match="^this environment is elsewhere; act in the one that"
-        ):
-            act()
-
-
-@pytest.mark.parametrize(
-    ("value", "text"),
-    [
-        (120.5, "distance is 120.5, outside of 0 to 100 mm"),
-        (-3.0, "distance is -3, outside of 0 to 100 mm"),
-    ],
-)
-def test_value_outside_of_its_range_is_told_with_its_unit(value: float, text: str) -> None:
-    assert outside_text(Entry("distance", 0.0, 100.0, "mm"), value) == text
-    plain = outside_text(Entry("distance", 0.0, 50.0, limits=(0.0, 100.0)), value)
-    assert plain == text.removesuffix(" mm")
-
-
 # ---------------------------------------------------------------- the registry
 
 NOISE = "normal noise with a standard deviation of {} is added to each action, in -1..1"
@@ -600,192 +429,6 @@ def test_option_that_is_none_is_refused_with_all_that_there_are() -> None:
     assert registry.options_of("RunAway-v0", {"ends_at_wall": False, "colour": 1}) == {
         "ends_at_wall": False
     }
-
-
-# ---------------------------------------------------------------- the checker
-
-
-def test_tables_of_a_description_are_read_cell_by_cell() -> None:
-    doc = (
-        "Spins.\n\n## Action\n\n| Num | Name | Min | Max | Unit |\n|---|---|---|---|---|\n"
-        "| 0 | left | -1 | 1.5 | deg |\n| 1 | right | all | 2 | |\n\n## End\n\n| a | b |\n"
-    )
-    rows = table(doc, "Action")
-    assert rows == [["0", "left", "-1", "1.5", "deg"], ["1", "right", "all", "2", ""]]
-    assert table(doc, "Reward") == table(doc, "End") == []
-    assert [_values_of(row) for row in rows] == [
-        ("0", "left", -1.0, 1.5, "deg"),
-        ("1", "right", "all", 2.0, ""),
-    ]
-    assert _values_of(["0", "left"]) == ("0", "left")
-    assert _cells("| a |b | c|") == ["a", "b", "c"]
-    wanted: list[Any] = [("0", 1.0), ("1", 2.0)]
-    assert _first_wrong([("0", 1.0), ("1", 3.0)], wanted) == ("1", 3.0)
-    assert _first_wrong([("0", 1.0)], wanted) == "1 rows in place of 2"
-
-
-def test_functions_of_a_task_are_tried_with_numbers_in_their_ranges() -> None:
-    given_: list[Any] = []
-
-    def reward(previous: Any, action: Any, observation: Any) -> Any:
-        given_.extend((previous, action, observation))
-        return SPINNING.reward(previous, action, observation)
-
-    said = _functions(replace(SPINNING, reward=reward))
-    names = "reward, terminated, blocked, success, mean_yaw_rate_deg_s"
-    assert said == f"{names} have the right shapes"
-    before, action, after = given_
-    low = torch.tensor([entry.low for entry in SPINNING.entries])
-    high = torch.tensor([entry.high for entry in SPINNING.entries])
-    for observations in (before, after):
-        assert observations.shape == (5, 6)
-        assert bool(((observations >= low) & (observations <= high)).all())
-        assert bool((observations.amax(0) - observations.amin(0) > 0.3 * (high - low)).all())
-    assert not torch.equal(before, after)
-    assert action.shape == (5, 2) and action.min() < -0.3 and action.max() > 0.3
-    assert action.abs().max() <= 1.0
-
-
-def test_check_of_a_simulation_says_what_it_found() -> None:
-    found = {finding.name: finding.detail for finding in check_env("RoboArmSim-v0")}
-    described = found.pop("description")
-    assert described == "the tables (action, observation, end of an episode) fit the task"
-    assert found.pop("functions") == (
-        "reward, terminated, blocked, success, error_sum_deg have the right shapes"
-    )
-    program = found.pop("hub program")
-    assert program.split()[1:] == ["of", "the", "prime", "hub's", program.split()[5], "bytes"]
-    assert found.pop("specs") == "observation [8], action [4]"
-    assert found.pop("reset").startswith("twice, the observation starts with [")
-    assert found.pop("determinism") == "the same seed and actions repeat 5 steps bit for bit"
-    assert found.pop("twin") == "it is simulated without a robot"
-    values = "random steps all entries and the reward changed, and each action changed something"
-    assert found.pop("values").split(maxsplit=2)[2] == values
-    assert found == {}
-
-
-def test_check_of_a_robot_says_what_moved() -> None:
-    found = {finding.name: finding.detail for finding in check_env("Spinning-v0")}
-    assert found["twin"].startswith("five steps in ")
-    assert found["twin"].endswith(" entries changed")
-    elapsed_s = float(found["twin"].split()[3])
-    # Five steps of 100 ms and what goes over the air.
-    assert 0.6 < elapsed_s < 1.4
-    changed, of, count = found["twin"].split()[6:9]
-    assert of == "of" and 3 <= int(changed) < int(count) == 6
-    assert found["values"].startswith("in 30 random steps all entries and the reward changed")
-
-
-def checked_values(task: Any, monkeypatch: pytest.MonkeyPatch) -> str:
-    """What the check of values says of the simulation of a task."""
-
-    def make(_env_id: str, seed: int) -> Any:
-        return SimulatedEnv(task, Kinematics(0.0), seed=seed)
-
-    monkeypatch.setattr(env_checker, "make", make)
-    return env_checker._values(task.id, task)
-
-
-def test_values_that_never_change_are_doubtful_each_in_words(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    walker = get_task("WalkerSim-v1")
-    with pytest.raises(env_checker.Doubtful) as caught:
-        checked_values(walker, monkeypatch)
-    still = (
-        "pitch (0), roll (0), distance (0) never changed; look at the sensor and the scene, or "
-        "leave it out"
-    )
-    assert str(caught.value) == still
-    first, second, *others = walker.interface.commands
-    idle = (replace(first, low=-50.0, high=-50.0), replace(second, low=0.0, high=0.0), *others)
-    dull = replace(
-        walker,
-        interface=replace(walker.interface, commands=idle),
-        symmetric=False,
-        reward=lambda previous, action, observation: 2.5 + 0.0 * observation[..., :1],
-    )
-    with pytest.raises(env_checker.Doubtful) as caught:
-        checked_values(dull, monkeypatch)
-    assert str(caught.value) == (
-        f"{still}; the reward was always 2.5; nothing can be learned from it; action left_front, "
-        "right_front changed nothing; look at its port, its range and its units"
-    )
-
-
-def test_value_that_is_no_number_or_out_of_its_range_is_broken(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    class Wrong(SimulatedEnv):
-        outside: dict[str, float] = {}  # noqa: RUF012  each test sets it
-
-        def _step(self, tensordict: Any) -> Any:
-            out = super()._step(tensordict)
-            out["observation"][1] = torch.nan
-            return out
-
-    task = get_task("RoboArmSim-v0")
-    monkeypatch.setattr(
-        env_checker, "make", lambda _id, seed: Wrong(task, Kinematics(0.0), seed=seed)
-    )
-    with pytest.raises(env_checker.Broken) as caught:
-        env_checker._values(task.id, task)
-    assert str(caught.value) == ("low_angle is not always a number (NaN); correct what computes it")
-    monkeypatch.setattr(Wrong, "outside", {"low_angle": 99.0, "grab_angle": 0.5})
-    with pytest.raises(env_checker.Broken) as caught:
-        env_checker._values(task.id, task)
-    low, grab = task.entries[1], task.entries[3]
-    texts = [outside_text(low, 99.0), outside_text(grab, 0.5)]
-    assert str(caught.value) == f"{', '.join(texts)}; correct the client, or the range"
-
-
-def test_first_observation_is_of_numbers(monkeypatch: pytest.MonkeyPatch) -> None:
-    class Unknown(SimulatedEnv):
-        def _reset(self, tensordict: Any = None, **named: Any) -> Any:
-            state = super()._reset(tensordict, **named)
-            state["observation"][2:] = torch.nan
-            state["observation"][:2] = 1.25
-            return state
-
-    task = get_task("RoboArmSim-v0")
-    monkeypatch.setattr(
-        env_checker, "make", lambda _id, seed: Unknown(task, Kinematics(0.0), seed=seed)
-    )
-    with pytest.raises(env_checker.Broken) as caught:
-        env_checker._reset(task.id)
-    numbers = f"[1.25, 1.25, {', '.join(['nan'] * 6)}]"
-    says = f"the observation holds {numbers}; all entries have to be numbers"
-    assert str(caught.value) == says
-
-
-def test_checks_are_told_by_what_they_raise() -> None:
-    def fail(error: Exception) -> Any:
-        def check() -> str:
-            raise error
-
-        return check
-
-    found = env_checker.run_checks(
-        {
-            "one": lambda: "fine",
-            "two": fail(env_checker.Skip("not here")),
-            "three": fail(env_checker.Doubtful("odd")),
-            "four": fail(env_checker.Broken("wrong\n  twice")),
-            "five": fail(BricksError("wrong twice")),
-            "six": fail(ValueError("a bug")),
-            "seven": fail(ValueError("a bug")),
-        }
-    )
-    told = [(one.name, one.outcome.value, one.detail) for one in found]
-    assert told[:5] == [
-        ("one", "ok", "fine"),
-        ("two", "skipped", "not here"),
-        ("three", "warning", "odd"),
-        ("four", "error", "wrong twice"),
-        ("five", "error", "the same as in four"),
-    ]
-    assert told[5][1] == "error" and told[5][2].startswith("ValueError: a bug")
-    assert told[6] == ("seven", "error", "the same as in six")
 
 
 # ---------------------------------------------------------------- simulations
