@@ -7,7 +7,7 @@ import math
 
 import pytest
 
-from brickhub.robot import BENCH, Direction
+from brickhub.robot import BENCH, Direction, MotorKind
 from brickhub.virtual.bench_body import BenchBody
 from brickhub.virtual.firmware.angle import (
     Angle,
@@ -627,3 +627,77 @@ def test_settings_of_a_drive_base_are_checked_before_any_is_set() -> None:
     assert now() == [100 * mm, 300 * mm, 400 * mm, 90 * deg, 200 * deg, 250 * deg]
     drive.set_settings(900, (300, 400), 800, (200, 250))
     assert now()[0] == distance.max_speed and now()[3] == heading.max_speed
+
+
+# ---- the motor model
+
+
+@pytest.mark.parametrize("kind", sorted(MOTOR_TYPES, key=lambda kind: kind.value))
+def test_a_motor_model_takes_no_more_than_its_integers_hold(kind: MotorKind) -> None:
+    """2500 deg/s, 25000 deg/s2, 12 V and 1 Nm."""
+    model = MOTOR_TYPES[kind].model
+    for sign in (1, -1):
+        fastest = model.feedforward_unm(sign * 2_500_000, 0)
+        assert model.feedforward_unm(sign * 2_500_001, 0) == fastest
+        assert model.feedforward_unm(sign * 9_000_000, 0) == fastest
+        steepest = model.feedforward_unm(0, sign * 25_000_000)
+        assert model.feedforward_unm(0, sign * 26_000_000) == steepest
+        assert abs(model.feedforward_unm(sign * 9_000_000, sign * 90_000_000)) <= 1_000_000
+        assert model.torque_unm(sign * 12_001) == model.torque_unm(sign * 12_000)
+        assert model.voltage_mv(sign * 1_000_001) == model.voltage_mv(sign * 1_000_000)
+
+
+@pytest.mark.parametrize("kind", sorted(MOTOR_TYPES, key=lambda kind: kind.value))
+def test_feedforward_is_half_the_friction_and_grows_in_proportion(kind: MotorKind) -> None:
+    model = MOTOR_TYPES[kind].model
+    half_friction = model.friction_unm // 2
+    assert model.feedforward_unm(0, 0) == 0
+    assert model.feedforward_unm(1, 0) == half_friction
+    assert model.feedforward_unm(-1, 0) == -half_friction
+    by_speed = model.feedforward_unm(200_000, 0) - half_friction
+    assert by_speed > 0
+    assert model.feedforward_unm(400_000, 0) - half_friction == pytest.approx(2 * by_speed, abs=1)
+    assert model.feedforward_unm(-200_000, 0) == -model.feedforward_unm(200_000, 0)
+    by_acceleration = model.feedforward_unm(0, 1_000_000)
+    assert by_acceleration > 0
+    assert model.feedforward_unm(200_000, 1_000_000) == by_speed + half_friction + by_acceleration
+
+
+@pytest.mark.parametrize("kind", sorted(MOTOR_TYPES, key=lambda kind: kind.value))
+def test_torque_and_voltage_at_rest_are_each_others_inverse(kind: MotorKind) -> None:
+    model = MOTOR_TYPES[kind].model
+    for voltage_mv in (-9000, -700, 1000, 7200):
+        torque_unm = model.torque_unm(voltage_mv)
+        assert model.voltage_mv(torque_unm) == pytest.approx(voltage_mv, abs=2)
+        assert model.drive_mv(torque_unm, 0, 0) == model.voltage_mv(torque_unm)
+    # The sum of a torque and the feedforward is limited.
+    limit_unm = model.torque_unm(1000)
+    for torque_unm in (10 * limit_unm, limit_unm + 1, limit_unm):
+        assert model.drive_mv(torque_unm, 0, 0, limit_unm) == model.voltage_mv(limit_unm)
+        assert model.drive_mv(-torque_unm, 0, 0, limit_unm) == -model.voltage_mv(limit_unm)
+    assert model.drive_mv(limit_unm, 500_000, 0, limit_unm) == model.voltage_mv(limit_unm)
+    both = limit_unm // 2 + model.feedforward_unm(1000, 0)
+    assert model.drive_mv(limit_unm // 2, 1000, 0) == model.voltage_mv(both)
+
+
+def test_an_observer_keeps_within_its_integers_too() -> None:
+    model = observer()
+    for step in range(400):
+        model.update(50 * step, 30_000 * step, 12_000)
+        assert abs(model.speed) <= 2_500_000
+        assert abs(model.current) <= 30_000
+
+
+def test_a_motor_that_stalls_is_noticed_at_once_and_forgotten_at_once() -> None:
+    model = observer()
+    for step in range(60):
+        model.update(50 * step, 0, 7000)
+    since = model.stalled_since
+    assert since is not None and 0 < since < 50 * 60
+    model.update(50 * 60, 0, 7000)
+    assert model.stalled_since == since, "it is the first of the steps that counts"
+    model.update(50 * 61, 0, -7000)
+    assert model.stalled_since is None
+    for step in range(62, 162):
+        model.update(50 * step, 0, 1500)
+    assert model.stalled_since is None, "of so little voltage it is no sign"
