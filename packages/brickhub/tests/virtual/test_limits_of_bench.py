@@ -129,14 +129,14 @@ def test_readings_see_the_outputs_of_the_motors() -> None:
 
 def test_a_reading_that_fails_is_told_with_its_place() -> None:
     def broken(angles: Any) -> float:
-        return 1.0 / 0.0
+        raise ValueError("the lamp is broken")
 
     line = broken.__code__.co_firstlineno + 1
     body = BenchBody(robot_with(SensorKind.FORCE), {"it": broken})
     with pytest.raises(SceneError) as caught:
         body.sensed("B", Sense.FORCE)
     assert str(caught.value) == (
-        "the scene's reading for port B of 'one' raised ZeroDivisionError: float division by zero "
+        "the scene's reading for port B of 'one' raised ValueError: the lamp is broken "
         f"(test_limits_of_bench.py, line {line}); correct it"
     )
 
