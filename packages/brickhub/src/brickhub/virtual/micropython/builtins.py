@@ -254,6 +254,9 @@ def getattr_(
     name: str,
     *default: Any,
 ) -> Any:
+    # The number of arguments is looked at first, as in the firmware (`mp_arg_check_num`).
+    if len(default) > 1:
+        raise TypeError(f"function expected at most 3 arguments, got {2 + len(default)}")
     _expect_text(name)
     try:
         if attributes.may_be_hidden(name):
@@ -266,6 +269,8 @@ def getattr_(
 
 
 def dir_(*values: Any) -> list[str]:
+    if len(values) > 1:
+        raise TypeError(f"function expected at most 1 arguments, got {len(values)}")
     if not values:
         names = _namespace(sys._getframe(1))
         return sorted(name for name in names if "@" not in name and name != "__builtins__")

@@ -251,10 +251,11 @@ def _check_text_arguments(
     if not args:
         return
     first = args[0]
-    has_count = len(args) > 1
-    if name == "rsplit" and first is None and has_count:
+    has_second = len(args) > 1
+    if name == "rsplit" and first is None and has_second:
         raise NotImplementedError("rsplit(None,n)")
-    if name.endswith("strip") and not isinstance(first, type(value)):
+    # Too many arguments are refused by their number, whatever they are.
+    if name.endswith("strip") and not has_second and not isinstance(first, type(value)):
         kind = type(first).__name__
         wanted = "bytes" if isinstance(first, str) else "str"
         raise TypeError(f"can't convert '{kind}' object to {wanted} implicitly")
