@@ -340,3 +340,18 @@ def test_device_goes_on_after_a_command_that_it_refuses(world: World) -> None:
         encode("set_speed", 1, 20),
     )
     assert answers == [bytes((191, Done.REFUSED)), bytes((141, 1, Done.COMPLETED))]
+
+
+@pytest.mark.parametrize(
+    ("position", "direction", "turned_deg"),
+    [(90, 2, -10), (90, 0, 350), (130, 0, 30), (70, 1, -30)],
+)
+def test_way_to_a_position_begins_where_the_motor_is(
+    world: World, position: int, direction: int, turned_deg: int
+) -> None:
+    world.send(world.single, encode("run_for_degrees", 1, 100, 0), ms=1500)
+    # Its own count is another thing.
+    world.send(world.single, encode("reset_position", 1, 0))
+    world.send(world.single, encode("run_to_absolute", 1, position, direction), ms=2500)
+    assert single_of(world)["position"] == pytest.approx(turned_deg, abs=3)
+    assert single_of(world)["absolute"] == pytest.approx(position, abs=2)
