@@ -368,7 +368,9 @@ def test_what_a_channel_is(
     assert channel.expression == expression
     entry = channel.entry
     assert (entry.name, entry.low, entry.high, entry.unit) == (name, low, high, unit)
-    assert (entry.limits, entry.wraps) == (channel.limits, channel.wraps)
+    assert entry.limits == channel.limits
+    # Only an angle within a turn begins anew at its end.
+    assert entry.wraps is channel.wraps is ((low, high, unit) == (0, 360, "deg"))
 
 
 def test_what_is_read_once_for_several_channels() -> None:

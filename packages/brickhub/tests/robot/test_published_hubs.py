@@ -275,3 +275,14 @@ def test_wrong_name_of_a_kind_is_told_with_the_right_ones() -> None:
         _ = HubKind._odd
     assert HubKind("prime") is HubKind.PRIME
     assert HubKind.PRIME.value == "prime"
+
+
+def test_calls_that_a_stack_holds() -> None:
+    """Most on an EV3, whose memory of 64 MiB is another league; fewest on a Move Hub."""
+    depths = {kind: kind.model.stack_bytes // kind.model.call_bytes for kind in HubKind}
+    *others, largest = sorted(depths, key=lambda kind: depths[kind])
+    assert (others[0], largest) == (HubKind.MOVE, HubKind.EV3)
+    assert depths[HubKind.EV3] > 100 * max(depths[kind] for kind in others)
+    assert depths[HubKind.EV3] * HubKind.EV3.model.call_bytes < 64 * 1024 * 1024
+    # A call's frame is much the same on all of them, which have 32 bits.
+    assert all(200 <= kind.model.call_bytes <= 240 for kind in HubKind)
