@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 import sys
 from collections.abc import Iterator
@@ -425,3 +426,15 @@ def test_drive_of_one_argument_is_a_move_of_both_wheels(radio: PlayedRadio) -> N
         ("time", 600, how(1, percent, 1)),
     ]
     assert single.calls == []
+
+
+def test_what_legos_package_logs_is_not_printed(
+    radio: PlayedRadio, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Errors of the link say it."""
+    logger = logging.getLogger("legoeducation")
+    monkeypatch.setattr(logger, "handlers", [])
+    monkeypatch.setattr(logger, "propagate", False)
+    linked(radio, SPEEDS)
+    logger.warning("the device left")
+    assert capsys.readouterr().err == ""

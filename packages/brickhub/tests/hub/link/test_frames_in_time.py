@@ -513,3 +513,34 @@ def test_lost_step_of_a_trial_is_told() -> None:
     assert link.step((0.5, 90.0), 2).values == (1.0,)
     with pytest.raises(HubTimeoutError, match="an observation of a trial was lost; make the trial"):
         link.step((0.5, 90.0), 2)
+
+
+def test_late_hello_is_no_answer_and_nothing_is_repeated_for_it() -> None:
+    hub = ScriptedHub(lambda frame: [(0.02, hub.hello), (0.1, answer_of(1, angle=55))])
+    link = linked(hub)
+    assert link.act([1]).values == (pytest.approx(5.5),)
+    assert hub.told() == [(0.0, "#1")]
+    assert (link.statistics.resends, link.statistics.stale_answers) == (0, 0)
+
+
+def test_calibrated_description_is_that_of_the_program() -> None:
+    seen = []
+
+    def calibrate(robot: Any) -> Any:
+        seen.append(robot)
+        left, right = robot.motors
+        return replace(robot, motors=(replace(left, zero_deg=30), right))
+
+    hub = ScriptedHub(promptly)
+    link = HubLink(hub, TWO_WHEELER, INTERFACE, calibrate=calibrate)  # type: ignore[arg-type]
+    assert "reset_angle" not in link.program.source
+    link.open()
+    assert seen == [TWO_WHEELER]
+    assert "motor_left.reset_angle(" in link.program.source
+    link.stop()
+    link.open()
+    # It is asked once, when the hub is connected.
+    assert len(seen) == 1
+    link.close()
+    link.open()
+    assert len(seen) == 2
