@@ -16,6 +16,7 @@ from brickhub.errors import (
     HubError,
     HubNotFoundError,
     HubProtocolError,
+    HubRefusedError,
     ProgramError,
 )
 from brickhub.hub.program.compile import compile_program, program_blob
@@ -253,3 +254,32 @@ def test_close_stops_the_program(hub: Played) -> None:
     assert hub.port.written == [b"\x00"]
     assert hub.port.is_closed
     assert hub.identity is None
+
+
+def test_link_that_is_lost_while_a_stored_program_starts(hub: Played) -> None:
+    hub.start(SAYS_HELLO)
+    hub.stop()
+    hub.port.written.clear()
+
+    def lose(command: bytes) -> None:
+        hub.port.on_loss("out of reach")
+
+    hub.port.after = lose
+    with pytest.raises(HubDisconnectedError, match="out of reach"):
+        hub.start(SAYS_HELLO)
+    # Nothing is downloaded over a lost link, and what is known of the hub's program stays.
+    assert hub.port.written == [STARTED]
+    assert noted(hub) == {"C0:01 slot 1": 0x1234}
+
+
+def test_stored_program_that_the_hub_refuses_is_downloaded(
+    hub: Played, caplog: pytest.LogCaptureFixture
+) -> None:
+    hub.start(SAYS_HELLO)
+    hub.stop()
+    hub.port.written.clear()
+    hub.port.fails = [HubRefusedError("no such program")]
+    with caplog.at_level("INFO"):
+        hub.start(SAYS_HELLO)
+    assert hub.port.written == [STARTED, *download_of(SAYS_HELLO), STARTED]
+    assert "the program on the hub cannot be started: no such program" in caplog.messages
