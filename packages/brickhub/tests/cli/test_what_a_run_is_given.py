@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -10,10 +11,13 @@ from typing import Any
 import described
 import pytest
 
+from brickhub import target
 from brickhub.cli import run_command
 from brickhub.hub.transports.address import HubAddress
 from brickhub.robot import HubKind, MotorKind, SensorKind
+from brickhub.target import Target, whole_interface
 from brickhub.virtual import room, run
+from brickhub.virtual.bench_body import BenchBody
 
 CAR = f"{described.__file__}:TWO_WHEELER"
 ARM = f"{described.__file__}:ROBO_ARM"
@@ -311,3 +315,27 @@ def test_interrupted_run_says_what_is_saved(
     done = brickhub("run", program, *options)
     assert done.code == 130
     assert done.err == f"interrupted: the program was stopped; {saved}\n"
+
+
+def test_file_without_an_end_is_saved_at_the_end_of_the_program(
+    brickhub: Any, program: str, tmp_path: Path
+) -> None:
+    Path(program).write_text("print('PB_OF:log.csv')\nprint('1,2')\nprint('3,4', end='')\n")
+    done = brickhub("run", program)
+    assert (done.code, done.out) == (0, "")
+    assert (tmp_path / "log.csv").read_text() == "1,2\n3,4\n"
+    Path(program).write_text("print('PB_')\nprint('PB_O', end='')\n")
+    assert brickhub("run", program).out == "PB_\nPB_O"
+
+
+def test_note_on_a_robot_is_told(
+    brickhub: Any, program: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    robot = replace(described.TWO_WHEELER, name="rover")
+    interface = whole_interface(robot)
+    found = Target("rover", robot, interface, lambda: BenchBody(robot), note="it is a slow one")
+    monkeypatch.setattr(target, "_finder", lambda: {"rover": found}.__getitem__)
+    done = brickhub("run", program, "--robot", "rover")
+    assert (done.code, done.out, done.err) == (0, "1\n", "it is a slow one\n")
+    out = brickhub("program", "rover")
+    assert out.err == "it is a slow one\n"
