@@ -253,9 +253,16 @@ def test_check_prints_its_findings_in_columns(
 
 
 def test_looking_for_a_real_hub_is_said(brickhub: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(HubAddress, "transport", lambda self, kind: None)
-    monkeypatch.setattr(hub_tools, "check_robot", lambda *_, **options: iter(()))
+    asked: list[Any] = []
+    monkeypatch.setattr(HubAddress, "transport", lambda self, kind: (self.which, kind))
+
+    def check_robot(transport: object, robot: Robot, *_: object, **options: object) -> Any:
+        asked.extend((transport, robot.name))
+        return iter(())
+
+    monkeypatch.setattr(hub_tools, "check_robot", check_robot)
     done = brickhub("check", CAR, "--hub", "ble:Rover")
+    assert asked == [("Rover", HubKind.PRIME), "two-wheeler"]
     assert done.err == "looking for the hub (ble:Rover), which can take some seconds\n"
     assert done.out == "ready for two-wheeler\n"
 
