@@ -13,7 +13,12 @@ from brickhub.cli import app
 from brickhub.cli.app import CommandLine, command_words, one_line, run
 from brickhub.cli.terminal import print_line
 from brickhub.errors import BricksError
-from brickhub.options import Flag, option
+from brickhub.options import Existing, Flag, option
+
+
+def _there(name: str) -> None:
+    if name != "there":
+        raise BricksError(f"there is no {name}; make it")
 
 
 @dataclass(frozen=True)
@@ -39,6 +44,7 @@ class Look:
     without a full stop"""
 
     far: Flag = False
+    mark: Annotated[str | None, option(metavar="FILE"), Existing(_there)] = None
 
     def execute(self) -> None:
         print_line("seen")
@@ -133,6 +139,18 @@ def test_exit_code_is_that_of_the_command(
 ) -> None:
     assert run(LINE, arguments) == code
     assert capsys.readouterr().out == out
+
+
+def test_what_is_named_has_to_be_there_before_the_command_begins(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert run(LINE, ("look", "--mark", "there")) == 0
+    begun: list[object] = []
+    capsys.readouterr()
+    assert run(LINE, ("look", "--mark", "gone"), begun.append) == 2
+    captured = capsys.readouterr()
+    assert (captured.out, captured.err) == ("", "error: there is no gone; make it\n")
+    assert begun == []
 
 
 def test_command_is_handed_over_before_it_begins() -> None:

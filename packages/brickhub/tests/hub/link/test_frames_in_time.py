@@ -21,6 +21,7 @@ from brickhub.errors import (
 from brickhub.hub.interface import (
     Interface,
     MotorAngle,
+    Pitch,
     RemoteButton,
     RunAngle,
     RunSpeed,
@@ -32,7 +33,7 @@ from brickhub.hub.link.states import LinkState
 from brickhub.hub.link.streaming import StreamingLink
 from brickhub.hub.link.trial_link import TrialLink
 from brickhub.hub.protocol import control_frame, crc8, data_frame, hello_payload
-from brickhub.hub.transport import HubProgram
+from brickhub.hub.transport import HubProgram, Pipe
 
 INTERFACE = Interface((RunAngle("left", -90, 90, 300),), (MotorAngle("left"),), Wait(100))
 Answers = Callable[[bytes], list[tuple[float, bytes]]]
@@ -544,3 +545,26 @@ def test_calibrated_description_is_that_of_the_program() -> None:
     link.close()
     link.open()
     assert len(seen) == 2
+
+
+def test_program_of_trials_has_the_pipe_and_the_tilt_that_are_asked_for() -> None:
+    plain = trying(ScriptedHub())
+    assert plain.program.pipe is Pipe.STDIN
+    assert "LIMITS = ()" in plain.program.source
+    assert trying(ScriptedHub(), pipe=Pipe.APP_DATA).program.pipe is Pipe.APP_DATA
+    interface = replace(INTERFACE, channels=(*INTERFACE.channels, Pitch()))
+    for options, limit in (({}, 35.0), ({"tilt_deg": 12.0}, 12.0)):
+        link = TrialLink(
+            ScriptedHub(),  # type: ignore[arg-type]
+            TWO_WHEELER,
+            interface,
+            NUMBERS,
+            POLICY,
+            **options,
+        )
+        assert f"LIMITS = ((1, {limit}),)" in link.program.source
+
+
+def test_program_of_a_link_has_the_pipe_that_is_asked_for() -> None:
+    assert linked(ScriptedHub(promptly)).program.pipe is Pipe.STDIN
+    assert linked(ScriptedHub(promptly), pipe=Pipe.APP_DATA).program.pipe is Pipe.APP_DATA
