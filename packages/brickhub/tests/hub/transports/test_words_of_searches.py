@@ -441,3 +441,67 @@ def test_a_plugged_in_hub_is_there_soon() -> None:
     assert UsbTransport(find_hubs=list, timeout_s=2.0)._search_s() == 2.0
     transport._first_hub = SimpleNamespace(address="39AF")  # type: ignore[assignment]
     assert transport._search_s() == 20.0
+
+
+class PlayedClient:
+    """Bleak's client; notes how it is made and called."""
+
+    def __init__(self, device: Any, on_disconnect: Callable[[Any], None], **options: Any) -> None:
+        self.device = device
+        self.lose = on_disconnect
+        self.options = options
+        self.calls: list[tuple[Any, ...]] = []
+
+    async def connect(self) -> None:
+        self.calls.append(("connect",))
+
+    async def disconnect(self) -> None:
+        self.calls.append(("disconnect",))
+
+    async def read_gatt_char(self, characteristic: str) -> bytearray:
+        self.calls.append(("read", characteristic))
+        return bytearray(b"value")
+
+    async def start_notify(self, characteristic: str, heard: Callable[..., None]) -> None:
+        self.calls.append(("notify", characteristic))
+        heard(None, bytearray(b"\x01out"))
+
+    async def write_gatt_char(self, characteristic: str, data: bytes, response: bool) -> None:
+        self.calls.append(("write", characteristic, data, response))
+        if data == b"refuse":
+            raise BleakError("odd")
+
+
+def test_port_over_bluetooth(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("bleak.BleakClient", PlayedClient)
+    device: Any = SimpleNamespace(name=None, address="C0:01")
+    port = ble.BlePort(device, None, 7.5)
+    client: Any = port._client
+    assert (client.device, client.options) == (device, {"timeout": 7.5, "backend": None})
+    assert (port.name, port.address) == ("", "C0:01")
+    events: list[bytes] = []
+    losses: list[str] = []
+
+    async def run() -> None:
+        await port.open(events.append, losses.append)
+        assert await port.read("a") == b"value"
+        await port.subscribe()
+        await port.write(b"\x00", "stop")
+        with pytest.raises(errors.HubDisconnectedError, match=r"^could not stop \(odd\); switch"):
+            await port.write(b"refuse", "stop")
+        client.lose(client)
+        await port.close()
+
+    asyncio.run(run())
+    command = "c5f50002-8280-46da-89f4-6d8051e4aeef"
+    assert client.calls == [
+        ("connect",),
+        ("read", "a"),
+        ("notify", command),
+        # Writes without a response may be lost silently.
+        ("write", command, b"\x00", True),
+        ("write", command, b"refuse", True),
+        ("disconnect",),
+    ]
+    assert events == [b"\x01out"]
+    assert losses == ["it is out of reach, or was switched off"]
