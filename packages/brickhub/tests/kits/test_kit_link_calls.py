@@ -438,3 +438,11 @@ def test_what_legos_package_logs_is_not_printed(
     linked(radio, SPEEDS)
     logger.warning("the device left")
     assert capsys.readouterr().err == ""
+
+
+def test_step_ends_with_reports_of_the_second_event_after_its_commands(radio: PlayedRadio) -> None:
+    """Reports come each 15 ms; those of the first event were made before the commands arrived."""
+    link, _ = linked(radio, replace(SPEEDS, settle=Wait(10)))
+    assert radio.time_ms % 15 == 10
+    # 5 and 20 ms from here on.
+    assert link.act([0, 0, 0]).round_trip_s == pytest.approx(0.02, abs=0.006)

@@ -505,3 +505,30 @@ def test_port_over_bluetooth(monkeypatch: pytest.MonkeyPatch) -> None:
     ]
     assert events == [b"\x01out"]
     assert losses == ["it is out of reach, or was switched off"]
+
+
+def test_port_reads_what_is_there_and_waits_for_a_byte_where_nothing_is() -> None:
+    sizes: list[int] = []
+    waiting = [0, 7, 1]
+
+    class Serial:
+        @property
+        def in_waiting(self) -> int:
+            return waiting.pop(0) if waiting else 0
+
+        def read(self, size: int) -> bytes:
+            sizes.append(size)
+            if not waiting:
+                raise OSError("gone")
+            return b"x" * size
+
+    port = usb.UsbPort(PRIME, lambda device: Serial())  # type: ignore[arg-type,return-value]
+    taken: list[Any] = []
+    port._loop = SimpleNamespace(  # type: ignore[assignment]
+        call_soon_threadsafe=lambda call, *arguments: taken.append(arguments)
+    )
+    port._read_loop(Serial())  # type: ignore[arg-type]
+    assert sizes == [1, 7, 1]
+    # The end of reading is the loss of the link.
+    lost = "its cable was pulled, or it was switched off"
+    assert taken == [(b"x",), (b"x" * 7,), (lost,)]
