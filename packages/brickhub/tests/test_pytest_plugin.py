@@ -5,6 +5,7 @@ from __future__ import annotations
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 from described import TWO_WHEELER
@@ -169,3 +170,45 @@ def test_several_hubs_hear_one_another(pybricks_hub: PybricksHub) -> None:
     first, second = pybricks_hub.run_together(sender, listener + "1 / 0\n")
     assert (first.exit_code, first.output, first.errors) == (0, "", "")
     assert (second.exit_code, second.output) == (1, "5\n") and "ZeroDivision" in second.errors
+
+
+@pytest.mark.parametrize(
+    ("robots", "says"),
+    [
+        (
+            "walker",
+            r"robots are 'walker'; give a list of names, such as \['two-wheeler', 'scout'\]",
+        ),
+        (["bench", 3], r"robots are \['bench', 3\]; give a list of names"),
+        (["bench"], "1 robot for 2 programs; name one for each"),
+        (["bench"] * 3, "3 robots for 2 programs; name one for each"),
+        (["bench"] * 2, "robots that share a world need bodies: install bricktwin; or name no"),
+    ],
+)
+def test_robots_of_several_programs_are_names_of_bodies(
+    pybricks_hub: PybricksHub, monkeypatch: pytest.MonkeyPatch, robots: Any, says: str
+) -> None:
+    # As where no other house is installed.
+    monkeypatch.setattr("brickhub.target._finder", lambda: find_in_files)
+    with pytest.raises(DescriptionError, match=f"^{says}"):
+        pybricks_hub.run_together("print(1)\n", "print(2)\n", robots=robots)
+    first, second = pybricks_hub.run_together("print(1)\n", "print(2)\n")
+    assert (first.output, second.output) == ("1\n", "2\n")
+    assert not first.timed_out
+
+
+def test_several_programs_end_at_their_time(pybricks_hub: PybricksHub) -> None:
+    loop = "from pybricks.tools import wait\nwhile True:\n    wait(10)\n"
+    runs = pybricks_hub.run_together(loop, "print('end')\n", time_limit_s=1.0)
+    assert [run.exit_code for run in runs] == [124, 0]
+    assert [run.timed_out for run in runs] == [True, False]
+    assert runs[1].output == "end\n"
+
+
+def test_input_may_be_bytes_and_output_none_of_utf_8(pybricks_hub: PybricksHub) -> None:
+    program = (
+        "from usys import stdin, stdout\n"
+        "read = stdin.buffer.read(2)\nstdout.buffer.write(read + b'\\xffz')\n"
+    )
+    run = pybricks_hub.run(program, stdin=b"ab")
+    assert run.output.endswith("ab\ufffdz")

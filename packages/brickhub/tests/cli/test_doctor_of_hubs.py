@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -112,3 +113,40 @@ def test_longest_timeout_is_allowed(capfd, fails, monkeypatch) -> None:
     assert main(("doctor", "--timeout-s", f"{longest_s}", "--json")) == 0
     capfd.readouterr()
     fails("doctor", "--timeout-s", f"{2 * longest_s}", says="give a positive number of up to")
+
+
+def test_checks_are_told_in_columns_and_have_a_minute_each(capfd, monkeypatch) -> None:
+    limits_s = []
+    run_check = doctor.run_check
+
+    def noted(name: str, check, timeout_s: float):
+        limits_s.append(timeout_s)
+        return run_check(name, check, timeout_s)
+
+    monkeypatch.setattr(doctor, "run_check", noted)
+    checks = {"one": lambda: (Outcome.OK, "good"), "two": lambda: (Outcome.WARNING, "old; renew")}
+    monkeypatch.setattr(doctor.Doctor, "checks", checks)
+    assert main(("doctor",)) == 0
+    lines = capfd.readouterr().out.splitlines()
+    assert lines == ["ok       one         good", "warning  two         old; renew"]
+    assert limits_s == [60.0, 60.0]
+
+
+def test_hubs_in_reach_are_named_after_a_second(linux: Path, monkeypatch) -> None:
+    heard = []
+
+    def scan(seconds: float) -> list[ble.FoundHub]:
+        heard.append(seconds)
+        return [ble.FoundHub("Rover", "C0:01", -60), ble.FoundHub("Crane", "C0:02", -70)]
+
+    monkeypatch.setattr(ble, "scan", scan)
+    assert doctor.check_bluetooth() == (Outcome.OK, "can look for hubs: Rover, Crane")
+    assert heard == [1.0]
+
+
+def test_serial_ports_are_named(monkeypatch) -> None:
+    ports = [SimpleNamespace(device="COM7"), SimpleNamespace(device="COM3")]
+    monkeypatch.setattr("serial.tools.list_ports.comports", lambda: ports)
+    assert doctor.check_usb() == (Outcome.OK, "serial ports: COM3, COM7")
+    ports.clear()
+    assert doctor.check_usb() == (Outcome.OK, "serial ports: none")

@@ -1,4 +1,4 @@
-"""A robot of LEGO's kits on a bench, and the link to it."""
+"""A robot of LEGO's kits on a bench, its devices by their packets, and the link to it."""
 
 from __future__ import annotations
 
@@ -16,11 +16,15 @@ from brickhub.hub.interface import (
     Wait,
 )
 from brickhub.hub.link.profiles import PROFILES, LinkProfile
-from brickhub.kits.kit_protocol import COMMANDS, REPORTS
+from brickhub.kits.kit_protocol import COMMANDS, NOTIFICATION, REPORTS
 from brickhub.kits.link import KitLink
+from brickhub.kits.radio import parts
+from brickhub.kits.virtual_devices import KitDevice, devices_of
 from brickhub.kits.virtual_kit import VirtualKit
 from brickhub.robot import Direction, DriveBase, KitKind, Motor, PoweredUpSensor, Robot, SensorKind
-from brickhub.virtual.bench_body import BenchBody
+from brickhub.virtual.bench_body import BenchBody, FittedBench
+from brickhub.virtual.given_readings import parse_reading
+from brickhub.virtual.machine import Machine
 
 ROBOT = Robot(
     "kit",
@@ -69,3 +73,41 @@ def connected(
     link = KitLink(kit, ROBOT, interface)
     link.open()
     return kit, link
+
+
+class World:
+    """A bench with a device of each kind, and its time."""
+
+    def __init__(
+        self, *readings: str, end_stops: dict[str, tuple[float, float]] | None = None
+    ) -> None:
+        bench = FittedBench(
+            KitKind.DOUBLE_MOTOR, [parse_reading(text) for text in readings], end_stops or {}
+        )
+        for port in "ABC":
+            bench.plug_in(port, "Motor")
+        bench.plug_in("D", "ColorSensor")
+        bench.put_on_wheels({"A": -0.25 / 1000, "B": -0.25 / 1000})
+        self.machine = Machine(bench)
+        devices = devices_of(self.machine, parts(KitKind.DOUBLE_MOTOR, "ABC", "D"))
+        self.double, self.single, self.color, self.controller = devices
+        for device in devices:
+            device.connect()
+
+    def send(self, device: KitDevice, *packets: bytes, ms: int = 0) -> list[bytes]:
+        """Send packets as one, let time pass, and return the answers other than notifications."""
+        device.receive(b"".join(packets))
+        for _ in range(ms // 5):
+            self.machine.advance(5)
+            device.update()
+        answers = [packet for packet in device.outbox if packet[0] != NOTIFICATION]
+        device.outbox.clear()
+        return answers
+
+    def report(self, device: KitDevice, name: str) -> list[dict[str, int]]:
+        """The reports of one kind in a notification."""
+        device.receive(encode("notifications", 1000))
+        found = [packet for packet in device.outbox if packet[0] == NOTIFICATION]
+        device.outbox.clear()
+        device.receive(encode("notifications", 0))
+        return [values for kind, values in reports_in(found[0]) if kind == name]

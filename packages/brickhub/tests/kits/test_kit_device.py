@@ -5,62 +5,17 @@ from __future__ import annotations
 import math
 
 import pytest
-from kit_world import encode, reports_in
+from kit_world import World, encode
 
-from brickhub.kits.kit_protocol import NOTIFICATION, Done, MotorState
-from brickhub.kits.radio import parts
+from brickhub.kits.kit_protocol import Done, MotorState
 from brickhub.kits.virtual_devices import (
     ColorSensor,
     Controller,
     DoubleMotor,
-    KitDevice,
     SingleMotor,
-    devices_of,
 )
-from brickhub.robot import KitKind
-from brickhub.virtual.bench_body import FittedBench
-from brickhub.virtual.given_readings import parse_reading
-from brickhub.virtual.machine import Machine
 
 RUN_DONE, RUN_TIME_DONE, RUN_DEGREES_DONE, TANK_DONE, TURN_DONE = 123, 127, 125, 157, 161
-
-
-class World:
-    """A bench with a device of each kind, and its time."""
-
-    def __init__(
-        self, *readings: str, end_stops: dict[str, tuple[float, float]] | None = None
-    ) -> None:
-        bench = FittedBench(
-            KitKind.DOUBLE_MOTOR, [parse_reading(text) for text in readings], end_stops or {}
-        )
-        for port in "ABC":
-            bench.plug_in(port, "Motor")
-        bench.plug_in("D", "ColorSensor")
-        bench.put_on_wheels({"A": -0.25 / 1000, "B": -0.25 / 1000})
-        self.machine = Machine(bench)
-        devices = devices_of(self.machine, parts(KitKind.DOUBLE_MOTOR, "ABC", "D"))
-        self.double, self.single, self.color, self.controller = devices
-        for device in devices:
-            device.connect()
-
-    def send(self, device: KitDevice, *packets: bytes, ms: int = 0) -> list[bytes]:
-        """Send packets as one, let time pass, and return the answers other than notifications."""
-        device.receive(b"".join(packets))
-        for _ in range(ms // 5):
-            self.machine.advance(5)
-            device.update()
-        answers = [packet for packet in device.outbox if packet[0] != NOTIFICATION]
-        device.outbox.clear()
-        return answers
-
-    def report(self, device: KitDevice, name: str) -> list[dict[str, int]]:
-        """The reports of one kind in a notification."""
-        device.receive(encode("notifications", 1000))
-        found = [packet for packet in device.outbox if packet[0] == NOTIFICATION]
-        device.outbox.clear()
-        device.receive(encode("notifications", 0))
-        return [values for kind, values in reports_in(found[0]) if kind == name]
 
 
 @pytest.fixture

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import random
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 import pytest
@@ -169,3 +170,139 @@ def test_legs_come_to_their_phases_whatever_their_start() -> None:
         angles = [(angle + 50.0 * (action - 1.0)) % 360.0 for angle, action in pairs]
     apart = [(angle - angles[0] + 1e-3) % 360.0 for angle in angles]
     assert apart == pytest.approx([0.0, 180.0, 140.0, 320.0], abs=0.1)
+
+
+def test_first_trials_fill_the_ranges_before_anything_is_proposed() -> None:
+    search = BayesianSearch(ENTRIES, seed=4)
+    asked = []
+    for _ in range(6):
+        asked.append(search.ask())
+        search.tell(hill(search.ask()))
+    for entry, column in zip(ENTRIES, zip(*asked, strict=True), strict=True):
+        shares = [(number - entry.low) / (entry.high - entry.low) for number in column]
+        assert sorted(int(6 * share) for share in shares) == list(range(6))
+    # What comes next is proposed: none of the first ones.
+    assert search.ask() not in asked
+
+
+def test_candidates_are_as_many_beside_the_best_as_anywhere() -> None:
+    search = BayesianSearch(ENTRIES, seed=4)
+    candidates = list(search.candidates((0.0, 350.0)))
+    assert len(candidates) == 600
+    beside, anywhere = candidates[:300], candidates[300:]
+    speeds = [speed for speed, _ in beside]
+    # A fifth of the range of 2: hardly anything is clamped.
+    assert math.sqrt(sum(speed**2 for speed in speeds) / 300) == pytest.approx(0.4, abs=0.05)
+    turns = [(phase - 350.0 + 180.0) % 360.0 - 180.0 for _, phase in beside]
+    assert math.sqrt(sum(turn**2 for turn in turns) / 300) == pytest.approx(72.0, abs=9.0)
+    # Beyond its end an angle begins anew.
+    assert any(phase < 90.0 for _, phase in beside)
+    for entry, column in zip(ENTRIES, zip(*anywhere, strict=True), strict=True):
+        shares = sorted((number - entry.low) / (entry.high - entry.low) for number in column)
+        evenly = [(place + 0.5) / 300 for place in range(300)]
+        assert shares == pytest.approx(evenly, abs=0.1)
+    assert candidates == list(search.candidates((0.0, 350.0)))
+    search.tell(1.0)
+    assert candidates != list(search.candidates((0.0, 350.0)))
+
+
+def test_number_beside_an_end_stops_there() -> None:
+    search = BayesianSearch(ENTRIES, seed=4)
+    speeds = [speed for speed, _ in list(search.candidates((1.0, 0.0)))[:300]]
+    assert max(speeds) == 1.0
+    assert 100 < speeds.count(1.0) < 200
+
+
+@pytest.mark.parametrize(
+    ("gain", "deviation", "is_replaced"),
+    [(0.29, 1.0, False), (0.3, 1.0, False), (0.31, 1.0, True), (0.61, 2.0, True)],
+)
+def test_best_numbers_are_replaced_by_what_is_better_beyond_a_doubt(
+    gain: float, deviation: float, is_replaced: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    search = BayesianSearch(ENTRIES)
+    search.tell(1.0, numbers=(0.0, 10.0))
+    assert search.best == (0.0, 10.0)
+    monkeypatch.setattr(search.process, "gain", lambda numbers, other: (gain, deviation))
+    search.tell(9.0, numbers=(0.5, 200.0))
+    assert search.best == ((0.5, 200.0) if is_replaced else (0.0, 10.0))
+
+
+def test_proposals_are_optimistic_by_two_deviations(monkeypatch: pytest.MonkeyPatch) -> None:
+    heard = []
+
+    def first(candidates: Iterable[Sequence[float]], optimism: float) -> Sequence[float]:
+        heard.append(optimism)
+        return next(iter(candidates))
+
+    for options in ({}, {"optimism": 0.5}):
+        search = BayesianSearch(ENTRIES, random_trials=1, **options)
+        monkeypatch.setattr(search.process, "most_promising", first)
+        search.tell(1.0)
+    assert heard == [2.0, 0.5]
+
+
+def test_in_another_world_only_its_own_trials_are_likely() -> None:
+    search = BayesianSearch(ENTRIES)
+    search.tell(5.0, numbers=(0.2, 100.0))
+    search.begin_elsewhere()
+    search.begin_elsewhere()
+    assert search.world == 2
+    search.tell(-1.0, numbers=(-0.7, 300.0))
+    assert search.trials[-1].world == 2
+    # What was best elsewhere may be so here, too, and one trial does not say otherwise.
+    assert search.best in ((0.2, 100.0), (-0.7, 300.0))
+    # The best known was the only one to begin with; now something is proposed.
+    assert search.ask() != (0.2, 100.0)
+
+
+def test_a_first_fall_has_no_worse_trial() -> None:
+    search = BayesianSearch(ENTRIES)
+    search.tell(0.7, has_failed=True)
+    assert [trial.score for trial in search.trials] == [0.7]
+
+
+@pytest.mark.parametrize(
+    ("rewards", "settle_steps", "score"),
+    [
+        ([5.0], 0, 5.0),
+        ([1.0, 3.0], 0, 2.0),
+        ([0.0, 0.0, 4.0, 0.0], 0, 8.0 / 6.0),
+        ([9.0, 1.0, 3.0], 1, 2.0),
+        # What ended while it settled has these rewards only.
+        ([1.0, 3.0], 2, 2.0),
+        ([1.0, 3.0], 5, 2.0),
+    ],
+)
+def test_score_by_bartletts_window(rewards: list[float], settle_steps: int, score: float) -> None:
+    assert trial_score(rewards, settle_steps) == pytest.approx(score)
+
+
+@pytest.mark.parametrize(
+    "name", ["numbers", "scores", "worlds", "world", "start", "asked", "best", "scales", "fitted"]
+)
+def test_state_that_lacks_something_is_refused(name: str) -> None:
+    search = told(0, 6)
+    kept = search.state()
+    cut = {key: value for key, value in kept.items() if key != name}
+    with pytest.raises(DescriptionError, match=f"{name}.*begin a new one"):
+        search.load_state(cut)
+    assert search.state() == kept
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"start": [[0.0, 400.0]]},
+        {"asked": [2.0, 0.0]},
+        {"best": [0.0]},
+        {"scores": [1.0]},
+        {"worlds": []},
+        {"world": "home"},
+        {"fitted": None},
+    ],
+)
+def test_state_that_does_not_suit_itself_is_refused(change: dict[str, object]) -> None:
+    search = told(0, 6)
+    with pytest.raises(DescriptionError, match="this is no state of a search for these numbers"):
+        search.load_state({**search.state(), **change})

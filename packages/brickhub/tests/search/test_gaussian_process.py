@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import math
 import random
+from collections.abc import Sequence
 from operator import sub
 
 import pytest
 
 from brickhub.entry import Entry
+from brickhub.search import gaussian_process
 from brickhub.search.cholesky import Cholesky, dot
 from brickhub.search.gaussian_process import GaussianProcess
-from brickhub.search.kernel import LEVEL, REACH, Scales, place_of
+from brickhub.search.kernel import LEVEL, REACH, Scales, nearness, place_of, stretched
 from brickhub.search.scales import Surprise, medians, most_probable
 
 PHASE, SPEED = Entry("phase", 0.0, 360.0, "deg", wraps=True), Entry("speed", -1.0, 1.0)
@@ -174,3 +176,95 @@ def test_the_most_promising_candidate_is_that_of_all_bounds(optimism: float) -> 
         return mean + optimism * deviation
 
     assert process.most_promising(candidates, optimism) == max(candidates, key=bound)
+
+
+def test_inner_product_is_as_long_as_the_shorter() -> None:
+    assert dot([1.0, 2.0, 3.0], [4.0, 5.0]) == 14.0
+    assert dot([], [4.0]) == 0.0
+
+
+@pytest.mark.parametrize("world", [0, 1])
+def test_gain_is_known_better_than_either_score(world: int) -> None:
+    """Mean and deviation of a difference, by the inverse of the kernel's matrix."""
+    rng = random.Random(7)
+    tried = [drawn(rng) for _ in range(6)]
+    process = GaussianProcess(ENTRIES)
+    for numbers in tried:
+        process.tell(numbers, math.sin(numbers[1]), world)
+    scales = process.scales
+    places = [place_of(numbers, ENTRIES) for numbers in tried]
+
+    def covariance(one: tuple[float, ...], other: tuple[float, ...]) -> float:
+        near = nearness(stretched(one, ENTRIES, scales), stretched(other, ENTRIES, scales))
+        return scales.covariance(near, world > 0)
+
+    matrix = [[covariance(one, other) for other in places] for one in places]
+    for index, row in enumerate(matrix):
+        row[index] += scales.noise_variance
+    inverse = inverted(matrix)
+    values = [(math.sin(numbers[1]) - process.mean) / process.unit for numbers in tried]
+    numbers, other = drawn(rng), drawn(rng)
+    first, second = place_of(numbers, ENTRIES), place_of(other, ENTRIES)
+    differences = [covariance(first, one) - covariance(second, one) for one in places]
+    weighted = [dot(row, differences) for row in inverse]
+    beforehand = covariance(first, first) + covariance(second, second)
+    beforehand -= 2 * covariance(first, second)
+    variance = beforehand - dot(differences, weighted)
+    gain, deviation = process.gain(numbers, other)
+    assert gain == pytest.approx(process.unit * dot(weighted, values))
+    assert deviation == pytest.approx(process.unit * math.sqrt(variance))
+    assert process.gain(numbers, numbers) == (0.0, 0.0)
+    assert process.mean_at(numbers) - process.mean_at(other) == pytest.approx(gain)
+    assert process.mean_at(numbers) == pytest.approx(process.expected(numbers)[0])
+
+
+def test_scores_are_measured_by_their_own_deviation() -> None:
+    process = GaussianProcess(ENTRIES)
+    process.tell((10.0, 0.1), 5.0)
+    assert (process.mean, process.unit) == (5.0, 1.0)
+    process.tell((80.0, -0.3), 9.0)
+    assert process.mean == 7.0
+    assert process.unit == pytest.approx(math.sqrt(8.0))
+    process.tell((200.0, 0.9), 1.0)
+    assert (process.mean, process.unit) == (5.0, pytest.approx(4.0))
+    assert process.noise == pytest.approx(4.0 * process.scales.noise)
+    assert len(process) == 3
+
+
+def test_equal_scores_have_the_least_deviation() -> None:
+    process = GaussianProcess(ENTRIES)
+    for speed in (0.1, 0.4):
+        process.tell((10.0, speed), 2.0)
+    assert process.unit == 1e-6
+
+
+def test_scales_are_sought_after_a_fifth_more_trials_and_at_most_a_hundred(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    counts = []
+
+    def same(surprise: Surprise, start: Sequence[float]) -> list[float]:
+        counts.append(len(process))
+        return list(start)
+
+    monkeypatch.setattr(gaussian_process, "most_probable", same)
+    rng = random.Random(8)
+    process = GaussianProcess(ENTRIES)
+    for _ in range(110):
+        process.tell(drawn(rng), rng.gauss(0.0, 1.0))
+    assert counts[:13] == [1, 2, 3, 4, 5, 6, 8, 10, 12, 15, 18, 22, 27]
+    assert counts[-3:] == [58, 70, 84]
+    # The next time would be by 101 trials.
+    counts.clear()
+    process = GaussianProcess(ENTRIES, medians(2), 83)
+    for _ in range(110):
+        process.tell(drawn(rng), rng.gauss(0.0, 1.0))
+    assert counts == [100]
+
+
+def test_first_of_equal_candidates_is_chosen() -> None:
+    process = GaussianProcess(ENTRIES)
+    process.tell((10.0, 0.5), 1.0)
+    first, second = [40.0, 0.2], [40.0, 0.2]
+    assert process.most_promising([first, second], 2.0) is first
+    assert process.most_promising([], 2.0) == ()

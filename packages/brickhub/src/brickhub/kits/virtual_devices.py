@@ -526,7 +526,10 @@ def _state_of(servo: Servo) -> protocol.MotorState:
     if servo.voltage_mv is not None and servo.is_stalled():
         return protocol.MotorState.STALLED
     if servo.control.is_active:
-        return protocol.MotorState.HOLDING if servo.is_done() else protocol.MotorState.RUNNING
+        # An endless move counts as done from its beginning, and one that goes on from its end.
+        goes_on = servo.control.on_completion is OnCompletion.CONTINUE
+        is_holding = servo.is_done() and not goes_on
+        return protocol.MotorState.HOLDING if is_holding else protocol.MotorState.RUNNING
     if servo.voltage_mv:
         return protocol.MotorState.DUTY
     return protocol.MotorState.READY

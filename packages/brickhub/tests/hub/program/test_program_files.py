@@ -127,3 +127,56 @@ def test_a_log_is_replaced_by_that_of_the_next_run(tmp_path: Path) -> None:
     assert why_unsafe("log.txt", tmp_path) is None and why_unsafe("servo", tmp_path) is None
     sent(tmp_path, b"PB_OF:log.txt\nnew\nPB_EOF\n")
     assert (tmp_path / "log.txt").read_text() == "new\n"
+
+
+@pytest.mark.parametrize(
+    ("name", "why"),
+    [
+        ("log.csv", None),
+        ("logs/deep/log.csv", None),
+        ("log", None),
+        ("", "it is no name"),
+        ("a\tb.txt", "it is no name"),
+        ("/log.csv", "it is outside of the program's folder"),
+        ("\\log.csv", "it is outside of the program's folder"),
+        ("~/log.csv", "it is outside of the program's folder"),
+        ("C:/log.csv", "it is outside of the program's folder"),
+        ("a/../log.csv", "it is outside of the program's folder"),
+        ("a\\log.csv", "it has a backslash or a colon; separate folders by /"),
+        ("a/b:log.csv", "it has a backslash or a colon; separate folders by /"),
+        (".log.csv", "it is hidden"),
+        ("a/.git/log.csv", "it is hidden"),
+        ("con.csv", "it is a device of Windows"),
+        ("aux/log.csv", "it is a device of Windows"),
+        ("log.py", "a computer runs such files"),
+        ("log.PY", "a computer runs such files"),
+        ("log.py. .", "a computer runs such files"),
+        ("a/run.bat", "a computer runs such files"),
+    ],
+)
+def test_reason_why_a_name_is_refused(tmp_path: Path, name: str, why: str | None) -> None:
+    assert why_unsafe(name, tmp_path) == why
+
+
+def test_what_is_there_may_be_replaced_if_it_is_a_table_or_a_text(tmp_path: Path) -> None:
+    (tmp_path / "folder.csv").mkdir()
+    assert why_unsafe("folder.csv", tmp_path) == "there is something else of that name"
+    for name in ("a.csv", "a.dat", "a.json", "a.jsonl", "a.log", "a.md", "a.tsv", "a.txt", "a.TXT"):
+        (tmp_path / name).touch()
+        assert why_unsafe(name, tmp_path) is None
+    for name in ("plain", "picture.png", "table.xlsx"):
+        assert why_unsafe(name, tmp_path) is None
+        (tmp_path / name).touch()
+        assert why_unsafe(name, tmp_path) == "there is such a file, which is no table or text"
+
+
+def test_refused_file_is_told_and_printed(tmp_path: Path) -> None:
+    name = "x" * 100 + ".py"
+    printed, told = sent(tmp_path, f"PB_OF:{name}\n1\nPB_EOF\nend\n".encode())
+    assert printed == f"PB_OF:{name}\n1\nPB_EOF\nend\n".encode()
+    shown = repr("x" * 80)
+    refused = f"the program's file {shown} was not saved, but printed (a computer runs such files)"
+    assert told == [f"{refused}; choose a name such as log.csv"]
+    (tmp_path / "file").touch()
+    _, told = sent(tmp_path, b"PB_OF:file/log.csv\n1\nPB_EOF\n")
+    assert told[0].startswith("the program's file 'file/log.csv' was not saved, but printed (")

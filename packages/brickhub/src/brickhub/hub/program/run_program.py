@@ -162,6 +162,7 @@ _READ_BESIDE_INPUT_S = 0.02
 _TRACEBACK_HEAD = "Traceback (most recent call last):"
 _LOCATION = "  File "
 _STOPPED = re.compile(r"The program was stopped \(\w+\)\.")
+_CLOSING = re.compile(rf"{re.escape(_TRACEBACK_HEAD)}$|{_STOPPED.pattern}$")
 _CLOSING_LINES = (_TRACEBACK_HEAD.encode(), b"The program was stopped (SystemExit).")
 
 
@@ -281,13 +282,11 @@ class Transcript:
         *lines, self._line = text.split(b"\n")
         for line in lines:
             self._feed_line(line)
-        # A CR at the end may be the first half of a line end.
-        partial = self._line.removesuffix(b"\r")
-        may_be_closing = any(line.startswith(partial) for line in _CLOSING_LINES)
         # The beginning of a line may be a prompt for input, so it is printed at once.
-        if not self._pending and not may_be_closing:
-            self._print(partial)
-            self._line = self._line[len(partial) :]
+        if not self._pending:
+            printed = self._line[: _start_of_message(self._line)]
+            self._print(printed)
+            self._line = self._line[len(printed) :]
 
     def end(self, *, is_stopped_by_us: bool = False) -> int:
         """Flush at the end of the output; returns the exit code. ``is_stopped_by_us``: leave out
@@ -306,7 +305,12 @@ class Transcript:
         text = line.decode("utf-8", "replace")
         if self._pending and not self._continues_traceback(text):
             self._print_pending()
-        if self._pending or text == _TRACEBACK_HEAD or _STOPPED.fullmatch(text):
+        closing = None if self._pending else _CLOSING.search(text)
+        if closing is not None:
+            # Output whose last line has not ended is in front of the firmware's message.
+            self._print(line.removesuffix(closing[0].encode()))
+            self._pending.append(closing[0])
+        elif self._pending:
             self._pending.append(text)
         else:
             self._print(line + b"\n")
@@ -327,3 +331,14 @@ class Transcript:
     def _print(self, data: bytes) -> None:
         self._stdout.write(data)
         self._stdout.flush()
+
+
+def _start_of_message(partial: bytes) -> int:
+    """Place in the beginning of a line from which on it may be the firmware's message; its end if
+    nowhere."""
+    # A CR at the end may be the first half of a line end.
+    text = partial.removesuffix(b"\r")
+    for start in range(len(text)):
+        if any(line.startswith(text[start:]) for line in _CLOSING_LINES):
+            return start
+    return len(text)
