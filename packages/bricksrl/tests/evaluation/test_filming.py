@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from contextlib import closing
+from collections.abc import Iterator
+from contextlib import AbstractContextManager, closing, contextmanager
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -10,7 +11,9 @@ from typing import Any
 
 import pytest
 import torch
+from torchrl.envs.utils import ExplorationType, exploration_type
 
+from brickhub.seed import episode_seed, evaluation_seed
 from bricksrl import make
 from bricksrl.envs import get_task
 from bricksrl.errors import TwinError
@@ -183,3 +186,121 @@ def test_robot_on_a_bench_is_not_filmed() -> None:
             patched.setattr(film, "interface_of", lambda given: given)
             with pytest.raises(TwinError, match=f"^RoboArm-v0 {why}"):
                 film.check_filmable(env)  # type: ignore[arg-type]
+
+
+def test_arena_is_filmed_twenty_times_a_second(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of simulated time; each episode of its own seed, at its best."""
+    monkeypatch.setattr(film, "VideoWriter", Twenty)
+    monkeypatch.setattr(film, "Renderer", lambda *given: Camera(given))
+    Twenty.images = []
+    seeds: list[int] = []
+    listeners: list[Any] = []
+    world = SimpleNamespace(bodies=("first", "second"), on_time=listeners)
+    env: Any = SimpleNamespace(world=world, set_seed=seeds.append, reset=lambda: "the start")
+
+    def play(given: Any, policy: Any, state: Any) -> Any:
+        assert (given, policy, state) == (env, "the policy", "the start")
+        assert exploration_type() is ExplorationType.DETERMINISTIC
+        for time_ms in (0, 20, 50, 99, 100, 160, 209, 210):
+            listeners[-1](time_ms)
+            yield time_ms
+
+    monkeypatch.setattr(film, "play", play)
+    policy: Any = "the policy"
+    film.film_arena(env, policy, Path("arena.mp4"), 2, 7)
+    assert seeds == [episode_seed("evaluation", 7, 1), episode_seed("evaluation", 7, 2)]
+    assert Twenty.images == [("first", 480, 360, "arena")] * 10
+
+
+class Twenty:
+    """A film of twenty images a second that is not written."""
+
+    images: list[Any]
+
+    def __init__(self, path: Path, fps: float) -> None:
+        assert fps == 20
+
+    def add(self, image: Any) -> None:
+        Twenty.images.append(image)
+
+    def __enter__(self) -> Twenty:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Nothing was opened."""
+
+
+class Camera(AbstractContextManager["Camera"]):
+    """A renderer whose images are what it was made of."""
+
+    def __init__(self, given: Any) -> None:
+        self.given = given
+
+    def render(self) -> Any:
+        return self.given
+
+    def __exit__(self, *_: object) -> None:
+        """Nothing was opened."""
+
+
+@pytest.mark.parametrize(("metrics", "forward_m"), [({"forward_m": 1.25}, 1.25), ({}, 0.0)])
+def test_filmed_episode_of_a_run_is_the_first_of_its_evaluation(
+    monkeypatch: pytest.MonkeyPatch, metrics: dict[str, float], forward_m: float
+) -> None:
+    asked: list[Any] = []
+    env = SimpleNamespace(close=lambda: asked.append("closed"))
+    origin = SimpleNamespace(seed=5)
+    monkeypatch.setattr(film, "RunFolder", lambda path: SimpleNamespace(origin=lambda: origin))
+    monkeypatch.setattr(film, "_env_of_run", lambda given: env)
+    monkeypatch.setattr(film, "check_filmable", lambda given: asked.append("checked"))
+    player = SimpleNamespace(act="act", reset="reset")
+
+    def named_policies(path: Path, given: Any, seed: int) -> Any:
+        return {"first": lambda: (path, seed), "last": lambda: player}
+
+    @contextmanager
+    def filmed_env(given: Any, *where: Any, **looks: Any) -> Iterator[None]:
+        asked.append((*where, looks))
+        yield
+
+    def play_episodes(given: Any, *how: Any, reset_policy: Any) -> Any:
+        asked.append((*how, reset_policy))
+        return [SimpleNamespace(return_=2.5, metrics=metrics)]
+
+    monkeypatch.setattr(film, "named_policies", named_policies)
+    monkeypatch.setattr(film, "filmed_env", filmed_env)
+    monkeypatch.setattr(film, "play_episodes", play_episodes)
+    path = Path("a.mp4")
+    found = film.film_run(Path("run"), "last", path, "title", size=(64, 36), budget_s=0.5)
+    assert found == film.Film(path, 2.5, forward_m)
+    assert asked == [
+        "checked",
+        (path, "title", {"size": (64, 36), "budget_s": 0.5}),
+        ("act", 1, evaluation_seed(5, 1000), "reset"),
+        "closed",
+    ]
+
+
+@pytest.mark.parametrize("has_body", [False, True])
+def test_run_is_tried_with_a_small_image(monkeypatch: pytest.MonkeyPatch, has_body: bool) -> None:
+    drawn: list[Any] = []
+
+    class Body:
+        """Stands for a body of MuJoCo."""
+
+    class Small(Camera):
+        def render(self) -> Any:
+            drawn.append(self.given[1:])
+
+    task = SimpleNamespace(robot="robot", scene="scene")
+    env = SimpleNamespace(task=task, close=lambda: drawn.append("closed"))
+    monkeypatch.setattr(film, "RunFolder", lambda path: SimpleNamespace(origin=lambda: None))
+    monkeypatch.setattr(film, "_env_of_run", lambda origin: env)
+    monkeypatch.setattr(film, "check_filmable", lambda given: None)
+    body = Body() if has_body else None
+    monkeypatch.setattr(film, "make_body", lambda robot, *, scene: body)
+    monkeypatch.setattr(film, "MujocoBody", Body)
+    monkeypatch.setattr(film, "Room", lambda given: SimpleNamespace(camera="camera"))
+    monkeypatch.setattr(film, "Renderer", lambda *given: Small(given))
+    film.check_run_filmable(Path("run"))
+    assert drawn == (["closed", (64, 36, "camera")] if has_body else ["closed"])
