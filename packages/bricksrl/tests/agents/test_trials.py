@@ -211,3 +211,62 @@ def test_structure_is_chosen_by_its_name(monkeypatch: pytest.MonkeyPatch) -> Non
         with pytest.raises(DescriptionError) as refused:
             make_structure(Cart(), name)
         assert str(refused.value) == message
+
+
+@pytest.mark.parametrize("name", ["approach", "upright", "edge", "oscillators"])
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {},
+        {"task": None},
+        {"keys": ["observation", "image"]},
+        {"keys": ["embedding"]},
+        {"keeps_actions": False},
+    ],
+)
+def test_hub_acts_on_its_own_numbers_and_commands_alone(
+    monkeypatch: pytest.MonkeyPatch, name: str, changes: dict[str, Any]
+) -> None:
+    """Neither without a task nor behind transforms, of which it knows nothing."""
+    sensor = SimpleNamespace(name="light", kind=next(iter(structures.LINE_EDGES)))
+    interface = SimpleNamespace(channels=(SimpleNamespace(sensor="light"),))
+    robot = SimpleNamespace(sensors=(sensor,))
+    usual = {
+        "task": SimpleNamespace(interface=interface, entries=("distance",), robot=robot),
+        "keys": ["observation"],
+        "keeps_actions": True,
+    }
+    known = usual | changes
+    layout = SimpleNamespace(keys=known["keys"], places={})
+    monkeypatch.setattr(structures, "interface_of", lambda env: SimpleNamespace(task=known["task"]))
+    monkeypatch.setattr(structures, "layout_of", lambda env: layout)
+    monkeypatch.setattr(structures, "keeps_actions", lambda env: known["keeps_actions"])
+    monkeypatch.setattr(structures, "steps_of", lambda env: 1)
+    edge_of = lambda *given: SimpleNamespace(edge_pct=40.0)  # noqa: E731
+    monkeypatch.setattr(structures, "edge_of", edge_of)
+    single = SimpleNamespace(numbers=(), legs=())
+    for module, function in (
+        (structures.approach, "approach"),
+        (structures.upright, "upright"),
+        (structures.edge, "edge_following"),
+        (structures.oscillators, "oscillators"),
+    ):
+        monkeypatch.setattr(module, function, lambda *given, **named: single)
+    env: Any = None
+    if changes:
+        with pytest.raises(DescriptionError):
+            structures.STRUCTURES[name](env)
+    else:
+        made: Any = structures.STRUCTURES[name](env)
+        assert made.single is single
+
+
+def test_approach_observes_one_distance_and_nothing_else(monkeypatch: pytest.MonkeyPatch) -> None:
+    task = SimpleNamespace(interface=None, entries=("distance", "angle"))
+    layout = SimpleNamespace(keys=["observation"])
+    monkeypatch.setattr(structures, "interface_of", lambda env: SimpleNamespace(task=task))
+    monkeypatch.setattr(structures, "layout_of", lambda env: layout)
+    monkeypatch.setattr(structures, "keeps_actions", lambda env: True)
+    env: Any = None
+    with pytest.raises(DescriptionError, match="observes one distance, and nothing else"):
+        structures.make_approach(env)
