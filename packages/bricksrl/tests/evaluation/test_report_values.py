@@ -326,3 +326,26 @@ def test_disk_that_is_full_for_the_result_says_what_to_do(
         f"the evaluation is not saved: cannot write {tmp_path / 'evaluation.json'} (No space left "
         "on device); make room or copy it"
     )
+
+
+def test_report_with_films_names_the_one_of_both(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run = write_run(tmp_path / "run", TrainConfig("RunAway-v0"), [5.0])
+    RunFolder(run).curve_path.write_bytes(b"curve")
+    films = films_in(run)
+    asked: list[Any] = []
+
+    def film(*given: Any) -> Films:
+        asked.append(given)
+        return films
+
+    monkeypatch.setattr(report, "film_before_and_after", film)
+    monkeypatch.setattr(report, "_picture", lambda given: ["<img class=print>"] if given else [])
+    result = replace(result_of("RunAway-v0", ONE), metrics={"forward_m": 1.5})
+    path, said = write_report(run, [LAST], result)
+    assert asked == [(run, "RunAway-v0")] and said == str(films.both)
+    text = path.read_text(encoding="utf-8")
+    assert "It moved <b>1.50 m</b> in an episode; before it had learned, 0.10 m." in text
+    assert "data:video/mp4;base64,eHh4" in text and "There is no film" not in text
+    assert text.index("<video ") < text.index("<img class=print>") < text.index("<h2>Return, ")
