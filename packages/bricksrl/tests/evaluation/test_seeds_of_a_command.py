@@ -4,6 +4,7 @@ says; without training."""
 from __future__ import annotations
 
 import json
+import sys
 import threading
 from collections.abc import Callable
 from pathlib import Path
@@ -279,3 +280,87 @@ def test_function_is_mapped_in_order_with_a_core_each() -> None:
     ray = SimpleNamespace(remote=lambda function: SimpleNamespace(options=options), get=sum)
     assert list(map_on_cluster(ray, sum, [(1, 2), (3, 4)])) == [3, 7]
     assert asked == [{"num_cpus": 1, "max_retries": 3}]
+
+
+class Ray:
+    """The module of a cluster that notes how it was started."""
+
+    def __init__(self) -> None:
+        self.is_running = False
+        self.error: Exception | None = None
+        self.started: list[dict[str, Any]] = []
+        self.done: list[str] = []
+
+    def is_initialized(self) -> bool:
+        return self.is_running
+
+    def init(self, **options: Any) -> None:
+        self.started.append(options)
+        if self.error is not None:
+            raise self.error
+
+    def shutdown(self) -> None:
+        self.done.append("shutdown")
+
+
+@pytest.fixture
+def ray(monkeypatch: pytest.MonkeyPatch) -> Ray:
+    module: Any = Ray()
+    monkeypatch.setitem(sys.modules, "ray", module)
+    monkeypatch.setenv("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")
+    return module
+
+
+USUAL = {
+    "log_to_driver": False,
+    "logging_level": "ERROR",
+    "runtime_env": {
+        "env_vars": {
+            "OMP_NUM_THREADS": "1",
+            "MKL_NUM_THREADS": "1",
+            "RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO": "0",
+        }
+    },
+}
+"""A run is one process with one thread, and prints nothing."""
+
+
+def test_local_cluster_stays_on_this_computer(ray: Ray, monkeypatch: pytest.MonkeyPatch) -> None:
+    for cores, cpus, count in ((8, None, 8), (None, None, 1), (8, 3, 3)):
+        monkeypatch.setattr(multi_seed.os, "cpu_count", lambda cores=cores: cores)
+        with multi_seed.connected(None, cpus) as module:
+            assert module is ray
+        options = dict(ray.started[-1])
+        assert options.pop("object_store_memory") >= 10**7
+        assert options == USUAL | {
+            "num_cpus": count,
+            "num_gpus": 0,
+            "include_dashboard": False,
+            "_node_ip_address": "127.0.0.1",
+        }
+    assert ray.done == ["shutdown"] * 3
+
+
+def test_cluster_that_is_there_is_only_joined(ray: Ray) -> None:
+    with pytest.raises(KeyboardInterrupt), multi_seed.connected("10.0.0.1:6379", 3):
+        raise KeyboardInterrupt
+    assert ray.started == [USUAL | {"address": "10.0.0.1:6379"}]
+    assert ray.done == ["shutdown"], "however it ends"
+
+
+@pytest.mark.parametrize(
+    ("address", "cluster"), [(None, "a cluster here"), ("there", "the cluster at there")]
+)
+def test_cluster_that_does_not_answer_is_told(ray: Ray, address: str | None, cluster: str) -> None:
+    ray.error = ConnectionError("nobody is there")
+    with pytest.raises(RunError) as raised, multi_seed.connected(address):
+        raise AssertionError("it is not connected")
+    assert str(raised.value) == (
+        f"{cluster} does not start or answer (nobody is there); see `ray status`"
+    )
+    ray.error = None
+    ray.is_running = True
+    with pytest.raises(RunError) as raised, multi_seed.connected(address):
+        raise AssertionError("it is not connected")
+    assert str(raised.value) == "Ray is at work in this process already; shut it down first"
+    assert ray.done == []

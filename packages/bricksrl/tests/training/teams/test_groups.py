@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 import threading
+from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -13,7 +15,8 @@ from tensordict import TensorDict, TensorDictBase
 
 from brickhub.seed import derive_seed, episode_seed
 from bricksrl.envs.arenas import make_arena
-from bricksrl.errors import DescriptionError, HubError
+from bricksrl.errors import CheckpointError, DescriptionError, HubError
+from bricksrl.training.checkpoint import load_checkpoint, save_checkpoint
 from bricksrl.training.teams import team as teams
 from bricksrl.training.teams.groups import PPOGroup, SACGroup, TeamSettings, make_group
 from bricksrl.training.teams.team import Team, TeamConfig, TeamEpisode, play_team
@@ -322,3 +325,74 @@ def test_played_episodes_are_counted_by_their_rewards(monkeypatch: pytest.Monkey
     lost.set()
     with pytest.raises(HubError, match="the link broke"):
         play_team(env, policy, 1, 7)
+
+
+def test_team_is_saved_with_plain_values_and_loaded_against_others(tmp_path: Path) -> None:
+    agents = {"catcher": "ippo"}
+    config = TeamConfig("Tag-v0", agents, {"runner": "flee"}, frames=64, copies=4, seed=5)
+    settings = TeamSettings(hidden=(8, 4), learning_rate=0.5)
+    torch.manual_seed(0)
+    team = teams._new_team(make_arena("Tag-v0"), config, settings)
+    team.save(tmp_path / "team.bin")
+    state = load_checkpoint(tmp_path / "team.bin")
+    assert set(state) == {"config", "settings", "groups"}
+    assert state["config"]["agents"] == agents and state["settings"]["hidden"] == [8, 4]
+    assert list(state["groups"]) == ["catcher"]
+    loaded = teams.load_team(tmp_path / "team.bin")
+    assert (loaded.config, loaded.settings) == (config, settings)
+    one, other = (each.learners["catcher"].policy.state_dict() for each in (team, loaded))
+    assert all(torch.equal(one[name], other[name]) for name in one)
+    against = teams.load_team(str(tmp_path / "team.bin"), {"runner": "random"})
+    assert against.config.scripts == {"runner": "random"}
+    assert replace(against.config, scripts=config.scripts) == config
+    save_checkpoint(tmp_path / "other.bin", {"config": {}})
+    with pytest.raises(CheckpointError) as raised:
+        teams.load_team(tmp_path / "other.bin")
+    assert str(raised.value) == (
+        f"{tmp_path / 'other.bin'} has no team (KeyError: 'settings'); choose another file or "
+        "train one"
+    )
+
+
+@pytest.mark.parametrize(
+    ("changes", "says"),
+    [
+        ({"frames": 0}, "frames is 0; give"),
+        ({"frames": 10**9 + 1}, "frames is 1000000001; give"),
+        ({"copies": -1}, "copies is -1; give"),
+        ({"copies": 2**16 + 1}, "copies is 65537; give"),
+        ({"seed": -1}, "seed"),
+    ],
+)
+def test_config_of_a_team_has_limits(changes: dict[str, int], says: str) -> None:
+    TeamConfig("Tag-v0", {"catcher": "ippo"}, frames=1, copies=0)
+    TeamConfig("Tag-v0", {"catcher": "ippo"}, frames=10**9, copies=2**16)
+    options: dict[str, Any] = changes
+    with pytest.raises(DescriptionError, match=says):
+        TeamConfig("Tag-v0", {"catcher": "ippo"}, **options)
+
+
+def test_training_is_seeded_and_ends_with_its_arena(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[Any] = []
+    env: Any = SimpleNamespace(close=lambda *, raise_if_closed: asked.append(raise_if_closed))
+
+    def make(name: str, **options: Any) -> Any:
+        asked.append((name, options))
+        return env
+
+    def new_team(*given: Any) -> Any:
+        asked.append((torch.initial_seed(), *given))
+        return "the team"
+
+    monkeypatch.setattr(teams, "make_arena", make)
+    monkeypatch.setattr(teams, "_new_team", new_team)
+    monkeypatch.setattr(teams, "_learn", lambda *given: asked.append(given[:2]))
+    config = TeamConfig("Guide-v0", {"agents": "sac"}, copies=3, seed=5, deaf=True)
+    assert teams.train_team(config) == "the team"  # type: ignore[comparison-overlap]
+    options = {"seed": derive_seed(5, "arena"), "deaf": True, "batch_size": 3}
+    assert asked == [
+        ("Guide-v0", options),
+        (derive_seed(5, "team"), env, config, TeamSettings()),
+        (env, "the team"),
+        False,
+    ]
