@@ -12,9 +12,12 @@ import pytest
 import torch
 from tensordict import TensorDict
 from test_fleet import config
+from toys import Cart
 
 from brickhub.seed import derive_seed
+from bricksrl.agents import make_learner
 from bricksrl.child_process import END
+from bricksrl.envs.env_interface import BricksEnv
 from bricksrl.errors import LearnerError, RunError
 from bricksrl.training.callbacks import RobotState
 from bricksrl.training.fleet import fleet_robots
@@ -255,3 +258,129 @@ def test_members_have_names_and_are_reachable_at_first(tmp_path: Path) -> None:
     assert str(raised.value) == (
         "WalkerSim-v0 is a simulation without a robot; train copies of it with num_envs"
     )
+
+
+class Cartlike(BricksEnv, Cart):
+    """A cart with what a robot has beside its specs."""
+
+
+def episode_of(
+    worker: Any, *, is_recorded: bool = False, is_paced: bool = False, is_random: bool = True
+) -> list[Any]:
+    """What a worker sends of an episode of three steps."""
+    sent: list[Any] = []
+    worker.send = lambda *message: sent.append(message)
+    env = Cartlike(max_steps=3)
+    actor = make_learner("sac", Cart())
+    begin = {
+        "config": {"hub": "ble:A"},
+        "is_recorded": is_recorded,
+        "is_paced": is_paced,
+    }
+    order = {"seed": 7, "is_random": is_random, "policy": "sac"}
+    try:
+        worker._episode(env, actor, begin, order)
+    except _FleetEnded:
+        sent.append("ended by the fleet")
+    return sent
+
+
+@pytest.mark.parametrize("is_recorded", [False, True])
+@pytest.mark.parametrize("is_random", [False, True])
+def test_episode_is_told_step_by_step(
+    monkeypatch: pytest.MonkeyPatch, is_recorded: bool, is_random: bool
+) -> None:
+    monkeypatch.setattr(workers, "about", lambda env, policy, **named: (policy, named))
+    begun, *frames, ended = episode_of(Worker(), is_recorded=is_recorded, is_random=is_random)
+    assert begun == ("begun", ("sac", {"seed": 7, "hub": "ble:A"}))
+    assert [kind for kind, _ in frames] == ["frame"] * 3
+    for _, (columns, steps, rewards) in frames:
+        assert len(columns) == 1 and len(rewards) == 1
+        assert float(columns[0]["next.reward"]) == pytest.approx(rewards[0])
+        assert len(steps) == int(is_recorded)
+    kind, (success, measures, is_lost, is_cut) = ended
+    assert (kind, success, is_lost, is_cut) == ("ended", None, False, False)
+    assert isinstance(measures, dict)
+
+
+def test_same_seed_is_the_same_episode_but_for_what_it_draws() -> None:
+    def starts() -> Any:
+        return episode_of(Worker())[1][1][0][0]["observation"].tolist()
+
+    assert starts() == starts()
+
+
+def test_robot_in_simulated_time_waits_for_its_fleet() -> None:
+    worker: Any = Worker()
+    for _ in range(3):
+        worker.receive(("go", None))
+    sent = episode_of(worker, is_paced=True)
+    assert [message[0] for message in sent] == ["begun", *["frame"] * 3, "ended"]
+    assert worker._inbox.empty()
+
+
+def test_episode_ends_with_its_fleet() -> None:
+    worker: Any = Worker()
+    worker.receive(END)
+    sent = episode_of(worker)
+    assert [message[0] for message in sent[:-1]] == ["begun", "frame"]
+    assert sent[-1] == "ended by the fleet"
+
+
+@pytest.mark.parametrize(
+    ("is_placed", "is_transformed"), [(False, False), (True, False), (False, True)]
+)
+def test_robot_of_a_worker_tries_for_ever_to_come_back(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, is_placed: bool, is_transformed: bool
+) -> None:
+    """The fleet decides when to give it up."""
+    asked: list[Any] = []
+    robot = SimpleNamespace(reconnect=SimpleNamespace(), in_reach=None)
+    actor = SimpleNamespace(weights=None)
+
+    def make(env_id: str, options: Any, **named: Any) -> Any:
+        asked.append((env_id, options, named))
+        return robot
+
+    def make_learner_for(config: Any, env: Any, *, device: str) -> Any:
+        asked.append((env, device))
+        return actor
+
+    monkeypatch.setattr(workers, "make", make)
+    monkeypatch.setattr(workers, "make_learner_for", make_learner_for)
+    monkeypatch.setattr(workers, "stand_in", lambda config: "stand-in")
+    monkeypatch.setattr(workers, "over", lambda env, given: (env, given))
+    kept: list[Any] = []
+    monkeypatch.setattr(workers, "load_transform_state", lambda *given: kept.append(given))
+    changes = {"frame_skip": 2} if is_transformed else {}
+    made = config(tmp_path / "run", robots=1, **changes)
+    worker: Any = Worker()
+    sent: list[Any] = []
+    worker.send = lambda *message: sent.append(message)
+    begin = {
+        "config": made.to_dict(),
+        "seed": 5,
+        "is_placed": is_placed,
+        "transforms": {"a transform": 1},
+    }
+    with torch.random.fork_rng():
+        env, found = worker._prepare(begin)
+        assert torch.initial_seed() == 5
+    (name, options, named), (acts_in, device) = asked
+    assert (name, named["seed"]) == (made.env, made.seed)
+    assert not options.is_transformed, "its transforms come around it"
+    assert (named["place"] is not None) is is_placed
+    wanted = ("stand-in", robot) if is_transformed else robot
+    assert env == acts_in == wanted and device == "cpu"
+    assert kept == [(env, {"a transform": 1})]
+    assert found is actor and actor.weights is worker._weights
+    assert robot.reconnect.patience_s == float("inf")
+    robot.reconnect.on_error(RunError("out of reach"))
+    assert sent == [("out", "out of reach")]
+    assert robot.in_reach()
+    worker.receive(("cut", 60.0))
+    assert not robot.in_reach()
+    robot.reconnect.wait(0.0)
+    worker.receive(END)
+    with pytest.raises(_FleetEnded):
+        robot.reconnect.wait(60.0)
