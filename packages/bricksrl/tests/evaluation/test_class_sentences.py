@@ -49,10 +49,12 @@ def test_same_seed_counts_once(tmp_path: Path, returns: list[float], what: str) 
     """A copy has the same curve to the last digit, a repetition elsewhere nearly the same."""
     pupil(tmp_path, "Anna", 7, [1.0, 2.0])
     pupil(tmp_path, "Ben", 7, returns)
+    anna = Path("Anna/runs/one")
+    ben = Path("Ben/runs/one")
     assert class_table(tmp_path).sentences == (
         (
-            f"RunAway-v0: Anna (Anna/runs/one), Ben (Ben/runs/one) are {what}, seed 7 with the "
-            "same settings: they count once."
+            f"RunAway-v0: Anna ({anna}), Ben ({ben}) are {what}, seed 7 with the same settings: "
+            "they count once."
         ),
         (
             "RunAway-v0: 2 runs of the same settings and length: together they tell what one run "

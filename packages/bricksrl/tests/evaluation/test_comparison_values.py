@@ -151,11 +151,14 @@ def test_only_settings_that_differ_are_in_the_names_of_groups(tmp_path: Path) ->
     }
 
 
-def test_run_that_contains_copies_is_itself_and_a_link_names_it_twice(tmp_path: Path) -> None:
+def test_run_that_contains_copies_is_itself(tmp_path: Path) -> None:
     run = write_run(tmp_path / "run", TrainConfig(WALKER, seed=5), [1.0])
     write_run(run / "seed-1", TrainConfig(WALKER, seed=1), [2.0])
     (found,) = compare([run]).groups
     assert found.seeds == (5,)
+
+
+def test_runs_without_episodes_and_no_runs_are_refused(tmp_path: Path) -> None:
     with pytest.raises(RunError, match="^no run is named; give the folders of runs$"):
         compare([])
     empty = write_run(tmp_path / "empty", TrainConfig(WALKER), [])
