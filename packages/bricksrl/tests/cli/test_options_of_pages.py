@@ -13,11 +13,12 @@ import pytest
 from test_options_of_trainings import write_run
 
 from brickhub.cli.terminal import Interrupted
+from brickhub.files import quoted
 from bricksrl.cli import page, record
 from bricksrl.cli.page import DriveRobot, Play, run_on_page
 from bricksrl.cli.record import Record
 from bricksrl.envs.options import EnvOptions
-from bricksrl.errors import HubError, StoppedError, UnknownNameError
+from bricksrl.errors import DataError, HubError, StoppedError, UnknownNameError
 from bricksrl.page.server import PageOptions
 from bricksrl.policies.policy import Player
 from bricksrl.training import TrainConfig
@@ -373,3 +374,94 @@ def test_policy_of_a_run_is_recorded_behind_its_transforms(
     run = write_run(tmp_path / "run", TRAINED)
     Record("WalkerSim-v0", Path("data"), policy=str(run)).execute()
     assert recording.made[0][1] == EnvOptions(frame_stack=2)
+
+
+@pytest.mark.parametrize(
+    ("policy", "explore", "is_shared", "acts"),
+    [
+        ("random", False, False, ("random", 4)),
+        ("keyboard", False, False, "rests"),
+        ("controller", False, False, "rests"),
+        ("a run", False, False, "exploits the run"),
+        ("a run", True, False, "explores the run"),
+        ("a run", False, True, "exploits the shared one"),
+    ],
+)
+def test_recording_is_of_the_policy_that_was_named(
+    monkeypatch: pytest.MonkeyPatch, policy: str, explore: bool, is_shared: bool, acts: Any
+) -> None:
+    def learner(name: str) -> Any:
+        return SimpleNamespace(
+            explore=f"explores {name}", exploit=f"exploits {name}", reset_policy="forgets"
+        )
+
+    trained = SimpleNamespace(learner=learner("the run"))
+    random_player = lambda env, seed: ("random", seed)  # noqa: E731
+    monkeypatch.setattr("bricksrl.policies.policy.random_player", random_player)
+    monkeypatch.setattr("bricksrl.page.play.resting_player", lambda env: "rests")
+    monkeypatch.setattr("bricksrl.policies.sharing.is_policy", lambda path: is_shared)
+    shared = lambda path, env: learner("the shared one")  # noqa: E731
+    monkeypatch.setattr("bricksrl.policies.sharing.load_shared", shared)
+    monkeypatch.setattr("bricksrl.training.learners.load_learner", lambda path, env: trained)
+    command = Record("RunAway-v0", Path("data"), policy=policy, seed=4, explore=explore)
+    env: Any = None
+    player: Any = command._player(env)
+    if policy == "a run":
+        assert (player.act, player.reset) == (acts, "forgets")
+    else:
+        assert player == acts
+
+
+@pytest.mark.parametrize(
+    ("rows", "faults", "says"),
+    [
+        (0, ["never looked at; restore it"], None),
+        (1, [], "my data has 1 episode already, which are kept; this adds to them\n"),
+        (7, [], "my data has 7 episodes already, which are kept; this adds to them\n"),
+        (7, ["a row is lost; restore it"], None),
+    ],
+)
+def test_dataset_that_is_extended_is_named(
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    rows: int,
+    faults: list[str],
+    says: str | None,
+) -> None:
+    found = [SimpleNamespace(detail=fault) for fault in faults]
+    monkeypatch.setattr(record, "check", lambda path: found)
+    recorder: Any = SimpleNamespace(rows=[None] * rows)
+    command = Record("RunAway-v0", Path("my data"))
+    if rows and faults:
+        with pytest.raises(DataError) as raised:
+            command._check_dataset(recorder)
+        assert str(raised.value) == (
+            f"my data is damaged (a row is lost); `bricksrl data repair {quoted('my data')} --out "
+            "NEW` saves what is whole"
+        )
+    else:
+        command._check_dataset(recorder)
+    assert capsys.readouterr().err == (says or "")
+
+
+def test_players_of_an_environment_are_those_of_its_arrays(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    of_arrays = {"random": "first", "best": "second"}
+    asked: list[Any] = []
+
+    def arrays(*given: Any) -> Any:
+        asked.append(given)
+        return of_arrays
+
+    monkeypatch.setattr(page, "array_policies", arrays)
+    monkeypatch.setattr("bricksrl.policies.policy.array_player", lambda make: ("plays", make))
+    named = lambda run, env, seed: {"first": 1, "last": (run, env, seed)}  # noqa: E731
+    monkeypatch.setattr("bricksrl.policies.policy.named_policies", named)
+    env: Any = Env()
+    players = page._players(None, env, "RunAway-v0", "random", 5)
+    assert list(players) == ["best", "random"]
+    assert players["random"]() == ("plays", "first")  # type: ignore[comparison-overlap]
+    assert asked == [("RunAway-v0", env.task, 5)]
+    of_run = page._players(tmp_path, env, "RunAway-v0", "first", 5)
+    assert of_run == {"last": (tmp_path, env, 5), "first": 1} and list(of_run)[-1] == "first"

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
 from types import SimpleNamespace
@@ -186,3 +188,44 @@ def test_ranges_of_more_than_a_decade_are_searched_by_factors() -> None:
     for name, (low, high, is_logarithmic) in ranges.items():
         assert low < high
         assert is_logarithmic is (low > 0 and high / low > 10), name
+
+
+def test_seeds_of_a_trial_are_trained_together_on_a_cluster(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[Any] = []
+    returns = iter(([1.0, 5.0], [3.0, float("nan")]))
+
+    @contextmanager
+    def connected(address: str | None) -> Iterator[str]:
+        asked.append(address)
+        yield "the cluster"
+
+    def map_on_cluster(ray: Any, function: Any, orders: Any) -> list[float]:
+        asked.append((ray, function, [(about, seed) for about, _, seed in orders]))
+        return next(returns)
+
+    monkeypatch.setattr(tuning, "connected", connected)
+    monkeypatch.setattr(tuning, "map_on_cluster", map_on_cluster)
+    about = Tuning("WalkerSim-v0", "td3", seeds=2)
+    told: list[Any] = []
+    best = tune(about, tmp_path, 2, on="ray:there", on_trial=lambda *trial: told.append(trial))
+    assert told == [(0, 3.0, 3.0), (1, None, 3.0)], "one that has diverged is of no value"
+    assert (best.value, best.trials) == (3.0, 1)
+    order = ("the cluster", tuning._train_and_evaluate, [(about, 0), (about, 1)])
+    assert asked == ["there", order, order]
+
+
+def test_same_seed_proposes_the_same(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    tried: list[Any] = []
+
+    def score(_: Tuning, settings: Any, seed: int) -> float:
+        tried.append(settings)
+        return 0.0
+
+    monkeypatch.setattr(tuning, "_train_and_evaluate", score)
+    for folder, seed in (("a", 1), ("b", 1), ("c", 2)):
+        (tmp_path / folder).mkdir()
+        tune(Tuning("WalkerSim-v0", seeds=1), tmp_path / folder, 2, seed=seed)
+    (_, first), (_, second), (_, third) = tried[:2], tried[2:4], tried[4:]
+    assert first == second != third
