@@ -214,18 +214,3 @@ def test_seeds_of_a_trial_are_trained_together_on_a_cluster(
     assert (best.value, best.trials) == (3.0, 1)
     order = ("the cluster", tuning._train_and_evaluate, [(about, 0), (about, 1)])
     assert asked == ["there", order, order]
-
-
-def test_same_seed_proposes_the_same(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    tried: list[Any] = []
-
-    def score(_: Tuning, settings: Any, seed: int) -> float:
-        tried.append(settings)
-        return 0.0
-
-    monkeypatch.setattr(tuning, "_train_and_evaluate", score)
-    for folder, seed in (("a", 1), ("b", 1), ("c", 2)):
-        (tmp_path / folder).mkdir()
-        tune(Tuning("WalkerSim-v0", seeds=1), tmp_path / folder, 2, seed=seed)
-    (_, first), (_, second), (_, third) = tried[:2], tried[2:4], tried[4:]
-    assert first == second != third
