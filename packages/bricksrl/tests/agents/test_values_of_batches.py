@@ -15,6 +15,7 @@ from bricksrl.agents.actor_critic import Critics, PolyakUpdate, on_base, squared
 from bricksrl.agents.networks import BatchNorm, Dropout, mlp
 from bricksrl.agents.sac import location_and_scale
 from bricksrl.agents.td3 import last_biased_layer
+from bricksrl.errors import DescriptionError
 
 
 @pytest.mark.parametrize("agent", ["sac", "td3", "crossq"])
@@ -164,3 +165,13 @@ def test_output_of_zero_has_a_scale_of_one_and_none_is_below_the_least() -> None
     assert scale.flatten().tolist() == pytest.approx([1.0, 0.1])
     _, free = location_and_scale(out, 0.001)
     assert float(free[0, 1]) == pytest.approx(0.01, abs=1e-5), "as TorchRL's"
+
+
+def test_batch_of_two_has_statistics() -> None:
+    learner = make("td3", critic_norm="batch", batch_size=2)
+    assert any(isinstance(module, BatchNorm) for module in learner.loss.critics.modules())
+    with pytest.raises(DescriptionError) as raised:
+        make("td3", critic_norm="batch", batch_size=1)
+    assert str(raised.value) == (
+        "a batch of 1 has no statistics; give a batch_size of 2 or more, or another norm"
+    )
