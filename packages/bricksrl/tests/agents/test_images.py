@@ -11,8 +11,10 @@ from tensordict import TensorDict
 
 from bricksrl.agents import make_learner
 from bricksrl.agents.actor_critic import ActorCriticLoss
+from bricksrl.agents.image_networks import pixels, shift_images
 from bricksrl.agents.learner import Learner
 from bricksrl.agents.offline.imitation import recorded_memory
+from bricksrl.envs.specs import ImageShape
 
 SEEING = ("sac", "droq", "td3", "crossq", "tqc", "iql", "cql", "td3bc")
 
@@ -114,3 +116,35 @@ def test_learns_to_act_towards_seen_target(agent: str) -> None:
     taught(learner, updates=150, count=150)
     assert learner.exploit(seen(25))["action"][0] > 0.4
     assert learner.exploit(seen(1))["action"][0] < -0.4
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "values"),
+    [(0.0, 255.0, (0.0, 255.0, 127.5)), (0.0, 1.0, (0.0, 1.0, 0.5)), (-2.0, 2.0, (-2.0, 2.0, 0.0))],
+)
+def test_pixels_are_from_minus_a_half_to_a_half(
+    low: float, high: float, values: tuple[float, float, float]
+) -> None:
+    shape = ImageShape("image", 2, 3, True, low, high)
+    images = torch.tensor(values).view(3, 1, 1, 1).expand(3, 2, 2, 3)
+    scaled = pixels(images, shape)
+    assert scaled.shape == (3, 3, 2, 2)
+    assert scaled[:, 0, 0, 0].tolist() == pytest.approx([-0.5, 0.5, 0.0])
+
+
+def test_channels_come_first_for_convolutions() -> None:
+    image = torch.arange(2 * 2 * 3.0).view(2, 2, 3)
+    last = pixels(image.expand(4, 5, 2, 2, 3), ImageShape("image", 2, 3, True, 0.0, 1.0))
+    first = pixels(image.permute(2, 0, 1), ImageShape("image", 2, 3, False, 0.0, 1.0))
+    assert last.shape == (20, 3, 2, 2) and first.shape == (1, 3, 2, 2)
+    assert torch.equal(last[7], first[0])
+    assert first[0, 2, 1, 0].item() == pytest.approx(float(image[1, 0, 2]) - 0.5)
+
+
+def test_images_with_channels_first_are_shifted_alike() -> None:
+    images = torch.rand(6, 3, 8, 8)
+    torch.manual_seed(0)
+    first = shift_images(images, 3, is_channels_last=False)
+    torch.manual_seed(0)
+    last = shift_images(images.movedim(1, -1), 3)
+    assert torch.equal(first, last.movedim(-1, 1)) and not torch.equal(first, images)

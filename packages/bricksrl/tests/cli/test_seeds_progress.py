@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import io
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
+from rich.console import Console
 
 from brickhub.files import quoted
 from bricksrl.cli import main
@@ -153,3 +155,42 @@ def test_a_real_robot_is_connected_to_with_a_note(
 )
 def test_a_clock_has_hours_only_where_there_are_some(seconds: float, text: str) -> None:
     assert clock(seconds) == text
+
+
+def rows_of(progress: SeedsProgress) -> list[list[str]]:
+    """Words of the rows that a terminal shows."""
+    console = Console(file=io.StringIO(), width=100)
+    console.print(progress.get_renderable())
+    text: str = console.file.getvalue()  # type: ignore[attr-defined]
+    return [line.split() for line in text.splitlines()]
+
+
+def test_rows_of_seeds_show_what_each_does(capsys: pytest.CaptureFixture[str]) -> None:
+    progress = SeedsProgress(range(5, 7), 3, live=True)
+    assert rows_of(progress) == [
+        ["seed", "5", "episode", "0/3", "waiting"],
+        ["seed", "6", "episode", "0/3", "waiting"],
+    ]
+    assert [task.fields["value"] for task in progress.tasks] == ["", ""]
+    progress.tell(5, {"started": 0, "node": "one"})
+    progress.tell(5, {"episode": 2, "return": -1.23456})
+    progress.tell(6, {"started": 0})
+    assert rows_of(progress) == [
+        ["seed", "5", "episode", "2/3", "return", "-1.235", "training", "one"],
+        ["seed", "6", "episode", "0/3", "training"],
+    ]
+    progress.tell(6, {"error": "no light"})
+    progress.tell(5, {"evaluated": 7.0})
+    assert rows_of(progress) == [
+        ["seed", "5", "episode", "2/3", "return", "7", "evaluated", "one"],
+        ["seed", "6", "episode", "0/3", "failed"],
+    ]
+    assert capsys.readouterr().out == "", "a row tells it, and no line"
+
+
+@pytest.mark.parametrize("is_terminal", [False, True])
+def test_rows_are_for_a_terminal(monkeypatch: pytest.MonkeyPatch, is_terminal: bool) -> None:
+    monkeypatch.setattr("sys.stdout.isatty", lambda: is_terminal, raising=False)
+    assert SeedsProgress(range(1), 3).disable is not is_terminal
+    assert SeedsProgress(range(1), 3, live=True).disable is False
+    assert SeedsProgress(range(1), 3, live=False).disable is True

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -13,6 +13,8 @@ import torch
 from tensordict import TensorDict
 
 from brickhub.finding import Outcome
+from bricksrl.agents import make_learner, preset
+from bricksrl.envs import make
 from bricksrl.envs.env_checker import Broken, Skip
 from bricksrl.evaluation import agent_checker
 from bricksrl.evaluation.agent_checker import check_agent, is_agent
@@ -298,3 +300,52 @@ def test_checks_are_left_out_where_there_is_nothing_to_check() -> None:
         one.memory()
     with pytest.raises(Skip, match="it learns nothing"):
         one.learning()
+
+
+@pytest.mark.parametrize(
+    ("name", "updates_per_step", "steps"),
+    [
+        ("td3", 1.0, 4),
+        ("td3", 0.5, 8),
+        ("td3", 4.0, 2),
+        ("td3", 20.0, 2),
+        ("td3", 1e-3, 1000),
+        ("ppo", None, 40),
+    ],
+)
+def test_an_agent_learns_for_as_many_steps_as_four_updates_need(
+    name: str, updates_per_step: float | None, steps: int
+) -> None:
+    one = checked()
+    made: Any = make_learner(name, make(agent_checker.ENV, seed=0))
+    asked: list[int] = []
+    made.learn = lambda count: asked.append(count) or {}
+    made.make_updates = lambda count: asked.append(-count)
+    if updates_per_step is not None:
+        made.updates_per_step = updates_per_step
+    one.learner = made
+    with pytest.raises(Broken) as raised:
+        one.learning()
+    assert str(raised.value) == "nothing was learned; fill the memory, and give updates_per_step"
+    assert asked == [0, steps], "what comes before the first update is no learning"
+
+
+@pytest.mark.parametrize(
+    ("name", "says"),
+    [
+        ("td3", "40 rows of 40 steps or more"),
+        ("bc", "40 transitions of a dataset"),
+        ("ppo", "40 rows of 40 steps or more"),
+    ],
+)
+def test_memory_has_the_steps_that_were_made(name: str, says: str) -> None:
+    one = checked()
+    env = make(agent_checker.ENV, seed=0)
+    settings = replace(preset("default", name), steps=40) if name == "ppo" else None
+    one.learner = make_learner(name, env, settings)
+    assert one.memory() == says
+    if name == "td3":
+        one.learner.remember = lambda _frames: None
+        one.learner.memory.empty()
+        with pytest.raises(Broken, match="the memory is empty after transitions were remembered"):
+            one.memory()

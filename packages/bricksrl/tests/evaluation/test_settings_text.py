@@ -85,3 +85,65 @@ def test_invalid_settings_file_raises(tmp_path: Path) -> None:
         with pytest.raises(DescriptionError) as caught:
             read_settings(path, SACSettings())
         assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("change", "value"),
+    [
+        ("gamma=1", 1.0),
+        ("gamma= 0.5 ", 0.5),
+        ("learning_rate=3e-4", 3e-4),
+        ("hidden=64", (64,)),
+        ("hidden=64,32", (64, 32)),
+        ("hidden=(64, 32)", (64, 32)),
+        ("hidden=[8]", (8,)),
+        ("batch-size=7", 7),
+        ("mirror=True", True),
+        ("mirror=yes", True),
+        ("mirror=true", True),
+        ("mirror=1", True),
+        ("mirror=no", False),
+        ("mirror=FALSE", False),
+        ("mirror=0", False),
+        ("network=12", "12"),
+        ("network=", ""),
+        ("network=a=b.py", "a=b.py"),
+        ("angles=raw", "raw"),
+    ],
+)
+def test_texts_are_read_as_what_the_setting_is(change: str, value: object) -> None:
+    name = change.partition("=")[0].replace("-", "_")
+    read = getattr(with_changes(SACSettings(), [change]), name)
+    assert read == value and type(read) is type(value)
+
+
+def test_nothing_is_a_value_where_it_may_be_one() -> None:
+    settings = preset("paper", "cql")
+    assert settings.lagrange_threshold == 5.0
+    assert with_changes(settings, ["lagrange_threshold=none"]).lagrange_threshold is None
+    assert with_changes(settings, ["lagrange_threshold=3"]).lagrange_threshold == 3.0
+    with pytest.raises(DescriptionError, match="gamma"):
+        with_changes(settings, ["gamma=none"])
+
+
+def test_numbers_of_a_file_are_those_of_the_settings(tmp_path: Path) -> None:
+    """JSON writes 1 for 1.0, and a list for a tuple."""
+    path = tmp_path / "settings.json"
+    path.write_text('{"gamma": 1, "hidden": [8, 4], "mirror": false, "batch_size": 7}')
+    read = read_settings(path, SACSettings())
+    assert read == SACSettings(gamma=1.0, hidden=(8, 4), mirror=False, batch_size=7)
+    assert type(read.gamma) is float and type(read.hidden) is tuple
+
+
+def test_what_changes_nothing_is_told() -> None:
+    with pytest.raises(DescriptionError) as raised:
+        with_changes(SACSettings(), ["gamma"])
+    assert str(raised.value) == (
+        "'gamma' changes nothing; write NAME=VALUE, such as learning_rate=3e-4"
+    )
+    with pytest.raises(DescriptionError) as raised:
+        with_changes(SACSettings(), ["gama=0.5"])
+    names = ", ".join(field.name for field in dataclasses.fields(SACSettings))
+    assert str(raised.value) == (
+        f"there is no setting 'gama' (did you mean 'gamma'?); choose one of {names}"
+    )

@@ -9,8 +9,11 @@ from hypothesis import strategies as st
 from bricksrl.errors import DescriptionError
 from bricksrl.evaluation.statistics import (
     Interval,
+    ends,
     interquartile_mean,
     mean,
+    probability_of_improvement,
+    seeds_interval,
     stratified_bootstrap_interval,
     wilson_interval,
 )
@@ -78,3 +81,66 @@ def test_strata_are_not_mixed() -> None:
 def test_empty_strata_raise(strata: list[list[float]]) -> None:
     with pytest.raises(DescriptionError, match="at least one score"):
         stratified_bootstrap_interval(strata)
+
+
+@pytest.mark.parametrize("confidence", [0.8, 0.95, 0.99])
+def test_wilson_interval_equals_scipys(confidence: float) -> None:
+    for trials in range(1, 8):
+        for successes in range(trials + 1):
+            ours = wilson_interval(successes, trials, confidence=confidence)
+            test = scipy.stats.binomtest(successes, trials)
+            theirs = test.proportion_ci(confidence, method="wilson")
+            assert (ours.low, ours.high) == pytest.approx((theirs.low, theirs.high), abs=1e-9)
+    assert wilson_interval(3, 7) == wilson_interval(3, 7, confidence=0.95)
+
+
+def test_wrong_counts_name_what_is_right() -> None:
+    with pytest.raises(DescriptionError) as raised:
+        wilson_interval(3, 2)
+    assert str(raised.value) == "3 successes in 2 trials is not a rate; give 0 to 2 of 1 or more"
+    with pytest.raises(DescriptionError) as raised:
+        wilson_interval(0, 0)
+    assert str(raised.value) == "0 successes in 0 trials is not a rate; give 0 to 1 of 1 or more"
+
+
+def test_interval_of_seeds_is_of_the_statistic_that_is_asked_for() -> None:
+    scores = [0.0, 0.0, 0.0, 0.0, 100.0]
+    robust = seeds_interval(scores)
+    plain = seeds_interval(scores, mean)
+    assert robust is not None and plain is not None
+    assert robust == stratified_bootstrap_interval([scores], interquartile_mean)
+    assert plain == stratified_bootstrap_interval([scores], mean)
+    assert (plain.low, plain.high) == (0.0, 60.0), "in one resample of 40 three are the 100"
+    assert seeds_interval(scores[:4]) is None
+    assert ends(plain) == [0.0, 60.0] and ends(None) is None
+
+
+def test_probability_of_improvement_has_the_interval_of_its_bootstrap() -> None:
+    """Two samples that overlap by half, and the resamples of another generator."""
+    first = np.linspace(0.0, 1.0, 40)
+    second = first - 0.25
+    wins = np.greater.outer(first, second) + 0.5 * np.equal.outer(first, second)
+    rng = np.random.default_rng(99)
+    shares = []
+    for _ in range(4000):
+        rows = rng.integers(0, 40, 40)
+        columns = rng.integers(0, 40, 40)
+        shares.append(wins[np.ix_(rows, columns)].mean())
+    probability, interval = probability_of_improvement(first.tolist(), second.tolist())
+    assert probability == pytest.approx(wins.mean())
+    assert interval is not None
+    wanted = np.quantile(shares, (0.025, 0.975))
+    assert (interval.low, interval.high) == pytest.approx(tuple(wanted), abs=0.01)
+
+
+@pytest.mark.parametrize(("first", "second"), [(5, 4), (4, 5), (5, 5)])
+def test_probability_has_an_interval_where_both_have_five_runs(first: int, second: int) -> None:
+    probability, interval = probability_of_improvement([1.0] * first, [0.0] * second)
+    assert probability == 1.0
+    assert interval == (Interval(1.0, 1.0) if first == second else None)
+
+
+@pytest.mark.parametrize(("first", "second"), [([], [1.0]), ([1.0], [])])
+def test_comparison_with_nothing_is_refused(first: list[float], second: list[float]) -> None:
+    with pytest.raises(DescriptionError, match="^a comparison needs at least one score of each;"):
+        probability_of_improvement(first, second)

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import pytest
 
-from bricksrl.training import Episode, Phase, Progress
+from bricksrl.training import Callback, Episode, Phase, Progress
+from bricksrl.training.callbacks import CallbackList
 
 ONE = Episode(1, Phase.TRAIN, steps=10, length=10, return_=2.0, success=True, seconds=4.0)
 
@@ -57,3 +59,28 @@ def test_episode_is_restored_from_plain_values() -> None:
         assert plain["phase"] == "train" and type(plain["phase"]) is str
         assert Episode.from_dict(plain) == episode
     assert ONE.measures == {} and not ONE.link_lost and ONE.evaluation is None
+
+
+def test_several_callbacks_are_told_everything_in_their_order() -> None:
+    told: list[tuple[str, str, tuple[object, ...]]] = []
+
+    class Noting(Callback):
+        def __init__(self, name: str) -> None:
+            self.name = name
+
+        def __getattribute__(self, event: str) -> Any:
+            if not event.startswith("on_"):
+                return super().__getattribute__(event)
+            name = super().__getattribute__("name")
+            return lambda *content: told.append((name, event, content))
+
+    events = [event for event in vars(Callback) if event.startswith("on_")]
+    assert len(events) > 8
+    both = CallbackList(Noting("first"), Noting("second"))
+    for number, event in enumerate(events):
+        getattr(both, event)(number, "content")
+    assert told == [
+        (name, event, (number, "content"))
+        for number, event in enumerate(events)
+        for name in ("first", "second")
+    ]

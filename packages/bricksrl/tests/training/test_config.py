@@ -17,7 +17,7 @@ from bricksrl.agents.sac import SACSettings
 from bricksrl.envs import get_task
 from bricksrl.errors import DescriptionError, RunError
 from bricksrl.training import TrainConfig
-from bricksrl.training.config import settings_for
+from bricksrl.training.config import portable, settings_for
 from bricktwin.twin.physics import Physics, write_physics
 
 
@@ -244,3 +244,112 @@ def test_settings_of_a_task_are_those_of_some_agent(
     with pytest.raises(DescriptionError, match=says):
         settings_for("Set-v0", "default", "sac")
     assert settings_for("Set-v0", "paper", "sac") == preset("paper", "sac")
+
+
+@pytest.mark.parametrize(
+    ("together", "message"),
+    [
+        (
+            {"name": "a" * 41},
+            "the name of who trains is no line of up to 40 characters; give one, such as Anna",
+        ),
+        (
+            {"num_envs": 2, "realtime": True, "asynchronous": False},
+            "copies need a simulation or virtual robots in simulated time; omit num_envs",
+        ),
+        (
+            {"num_envs": 2, "asynchronous": True},
+            "copies cannot be trained asynchronously; train synchronously, or omit num_envs",
+        ),
+        ({"updates": 40}, "40 updates from data need data; give the folder of a dataset"),
+        ({"updates": 1}, "1 update from data need data; give the folder of a dataset"),
+        ({"data": "walk"}, "data without updates has no effect; give it as demonstrations"),
+        (
+            {"data": "walk", "updates": 40, "demonstrations": "walk"},
+            "what learns from data alone takes no demonstrations; omit them",
+        ),
+        (
+            {"data": "walk", "updates": 1, "episodes": 2},
+            "1 update cannot be spread over 2 episodes; give fewer episodes",
+        ),
+        (
+            {"data": "walk", "updates": 39},
+            "39 updates cannot be spread over 40 episodes; give fewer episodes",
+        ),
+        (
+            {"robots": 2, "hub": "ble:A"},
+            "real robots are named one by one, such as ble:A,ble:B; omit robots",
+        ),
+        (
+            {"hub": "ble:A,virtual"},
+            "the hubs ble:A,virtual are ambiguous; give each robot a name, such as ble:A,ble:B",
+        ),
+        (
+            {"hub": "ble:A,usb"},
+            "the hubs ble:A,usb are ambiguous; give each robot a name, such as ble:A,ble:B",
+        ),
+        (
+            {"hub": "ble:A,ble:B", "eval_every": 1},
+            "a fleet does not support num_envs, eval_every and updates; omit them",
+        ),
+    ],
+)
+def test_what_excludes_what_is_said(together: dict[str, Any], message: str) -> None:
+    with pytest.raises(RunError) as raised:
+        TrainConfig(env="RunAway-v0", **together)
+    assert str(raised.value) == message
+
+
+@pytest.mark.parametrize("hub", ["virtual", "virtual,virtual", "ble", "usb", "ble:A,usb:B"])
+def test_robots_that_are_told_apart_make_a_run(hub: str) -> None:
+    config = TrainConfig("RunAway-v0", hub=hub)
+    assert config.hubs == tuple(hub.split(","))
+
+
+def test_config_is_alike_on_all_computers(tmp_path: Path) -> None:
+    """Of the user's files it has the names alone, wherever they lie."""
+    files = {"env": "far.py:TASK", "agent": "mine.py", "transform": "halved.py", "scene": "mat.png"}
+    data = {name: str(tmp_path / file) for name, file in files.items()}
+    data |= {"seed": 3, "settings": {"network": str(tmp_path / "net.py"), "gamma": 0.5}}
+    assert portable(data) == files | {"seed": 3, "settings": {"network": "net.py", "gamma": 0.5}}
+    plain = {"env": "RunAway-v0", "agent": "sac", "transform": None, "settings": {}}
+    assert portable(plain) == plain
+    assert data["env"] == str(tmp_path / "far.py:TASK"), "what was given is unchanged"
+
+
+def test_defaults_of_a_run() -> None:
+    config = TrainConfig("RunAway-v0")
+    given = {
+        "agent": "sac",
+        "episodes": 40,
+        "seed": 0,
+        "num_envs": 1,
+        "robots": 1,
+        "device": "cpu",
+        "eval_every": 0,
+        "eval_episodes": 5,
+        "record": True,
+        "log": "none",
+        "updates": 0,
+        "patience_s": 300.0,
+    }
+    assert {name: getattr(config, name) for name in given} == given
+
+
+def test_config_that_is_damaged_says_what_to_do() -> None:
+    data = TrainConfig("RunAway-v0").to_dict()
+    with pytest.raises(RunError) as raised:
+        TrainConfig.from_dict({**data, "settings": []})
+    assert str(raised.value) == "'settings' in the config is not a table; restore the file"
+    with pytest.raises(RunError, match=r"^the config is invalid: .*; restore the file or start a"):
+        TrainConfig.from_dict({**data, "colour": "red"})
+    with pytest.raises(RunError, match=r"^the run needs what is not here: .*no agent"):
+        TrainConfig.from_dict({**data, "agent": "sca"})
+    assert TrainConfig.from_dict({**data, "settings": None}).settings == preset("default", "sac")
+
+
+def test_data_are_what_is_learned_from_before_demonstrations() -> None:
+    of_data = TrainConfig("RunAway-v0", data="a", updates=100)
+    taught = TrainConfig("RunAway-v0", demonstrations="b")
+    assert (of_data.dataset, taught.dataset) == ("a", "b")
+    assert TrainConfig("RunAway-v0").dataset is None

@@ -14,7 +14,7 @@ from toys import Cart
 
 from bricksrl.agents.sac import SACSettings
 from bricksrl.errors import DescriptionError, RunError
-from bricksrl.training import TrainConfig, loggers, resume, train
+from bricksrl.training import Episode, Phase, TrainConfig, loggers, resume, train
 from bricksrl.training.loggers import numbers
 
 SMALL = SACSettings(hidden=(16, 16), batch_size=16, prefill_episodes=1)
@@ -132,3 +132,125 @@ def test_wandb_stays_offline_without_an_account(
     returns = [data["return"] for data, _ in experiment.logged if "return" in data]
     assert returns == [episode.return_ for episode in result.episodes]
     assert experiment.finished
+
+
+def test_numbers_of_an_episode_are_logged_by_their_names() -> None:
+    episode = Episode(3, Phase.TRAIN, 60, 20, -1.5, None, {"loss": 0.25}, 12.5)
+    usual = {
+        "return": -1.5,
+        "episode": 3.0,
+        "length": 20.0,
+        "link_lost": 0.0,
+        "seconds": 12.5,
+        "loss": 0.25,
+    }
+    assert numbers(episode) == usual
+    whole = replace(episode, success=True, updates_per_step=2.0, evaluation=0.0, link_lost=True)
+    more = {"success": 1.0, "updates_per_step": 2.0, "evaluation": 0.0, "link_lost": 1.0}
+    assert numbers(whole) == usual | more
+    assert all(type(value) is float for value in numbers(whole).values())
+
+
+@pytest.mark.parametrize(
+    ("variables", "machine", "is_logged_in"),
+    [
+        ({}, None, False),
+        ({}, "github.com", False),
+        ({}, "api.wandb.ai", True),
+        ({"WANDB_API_KEY": "secret"}, None, True),
+        ({"WANDB_MODE": "online"}, None, True),
+        ({"WANDB_MODE": "offline", "WANDB_API_KEY": "secret"}, "api.wandb.ai", False),
+        ({"WANDB_MODE": "disabled"}, "api.wandb.ai", False),
+        ({"WANDB_MODE": ""}, "api.wandb.ai", True),
+    ],
+)
+def test_account_is_looked_for_where_wandb_does(
+    monkeypatch: pytest.MonkeyPatch,
+    variables: dict[str, str],
+    machine: str | None,
+    is_logged_in: bool,
+) -> None:
+    for name in ("WANDB_MODE", "WANDB_API_KEY"):
+        monkeypatch.delenv(name, raising=False)
+    for name, value in variables.items():
+        monkeypatch.setenv(name, value)
+
+    def netrc() -> Any:
+        if machine is None:
+            raise FileNotFoundError
+        return SimpleNamespace(hosts={machine: ("user", None, "secret")})
+
+    monkeypatch.setattr(loggers.netrc, "netrc", netrc)
+    assert loggers._logged_in_to_wandb() is is_logged_in
+
+
+class Log:
+    """A tracker that notes what it is told."""
+
+    def __init__(self, *ends: str) -> None:
+        self.told: list[Any] = []
+        self.experiment = SimpleNamespace()
+        for name in ends:
+            setattr(self.experiment, name, lambda name=name: self.told.append(name))
+
+    def log_scalar(self, name: str, value: float, *, step: int) -> None:
+        self.told.append((name, value, step))
+
+
+@pytest.mark.parametrize(
+    ("ends", "at_episode", "at_end"),
+    [
+        (("flush", "close"), ["flush"], ["close"]),
+        (("finish", "close"), [], ["finish"]),
+    ],
+)
+def test_tracker_is_flushed_and_finished(
+    monkeypatch: pytest.MonkeyPatch,
+    ends: tuple[str, ...],
+    at_episode: list[str],
+    at_end: list[str],
+) -> None:
+    monkeypatch.setattr(loggers.importlib.util, "find_spec", lambda name: object())
+    tracking = loggers.Tracking("tensorboard")
+    tracking._log = log = Log(*ends)
+    episode = Episode(1, Phase.TRAIN, 60, 20, -1.5, None)
+    unknown: Any = None
+    tracking.on_episode(episode, unknown)
+    assert ("return", -1.5, 60) in log.told
+    assert [told for told in log.told if isinstance(told, str)] == at_episode
+    log.told.clear()
+    tracking.on_end(unknown)
+    assert log.told == at_end
+
+
+@pytest.mark.parametrize(
+    ("kind", "name"), [("tensorboard", "tensorboard"), ("wandb", "my run"), ("trackio", "my run")]
+)
+def test_tracker_has_the_name_and_the_config_of_the_run(
+    config: TrainConfig, monkeypatch: pytest.MonkeyPatch, kind: str, name: str
+) -> None:
+    asked: list[Any] = []
+    monkeypatch.setattr(loggers.importlib.util, "find_spec", lambda name: object())
+    monkeypatch.setattr(loggers, "_logged_in_to_wandb", lambda: False)
+    get: Any = lambda *given, **named: asked.append((*given, named))  # noqa: E731
+    monkeypatch.setattr("torchrl.record.loggers.get_logger", get)
+    loggers.Tracking(kind).on_start(config, Path("runs/my run"), 0)
+    ((asked_kind, folder, asked_name, named),) = asked
+    assert (asked_kind, Path(folder), asked_name) == (kind, Path("runs/my run"), name)
+    project = {"project": "bricksrl", "config": config.to_dict()}
+    assert named["trackio_kwargs"] == project
+    wandb = project | {"mode": "offline", "log_env_packages": False}
+    assert named["wandb_kwargs"] == wandb
+    monkeypatch.setattr(loggers, "_logged_in_to_wandb", lambda: True)
+    loggers.Tracking(kind).on_start(config, Path("runs/my run"), 0)
+    assert asked[1][-1]["wandb_kwargs"] == wandb | {"mode": "online"}
+
+
+def test_missing_tracker_is_told_with_its_remedy(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(loggers.importlib.util, "find_spec", lambda name: None)
+    with pytest.raises(RunError) as raised:
+        loggers.Tracking("trackio")
+    assert str(raised.value) == (
+        "trackio is not installed; run `pip install trackio`, or omit --log: metrics.csv is always "
+        "written"
+    )
