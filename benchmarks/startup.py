@@ -1,15 +1,19 @@
-"""Start-up time of commands: from the start of a new process to its end.
+"""Start-up time of commands: from the start of a new process to its end, or of a page to the moment
+at which its robot moves.
 
     python -m benchmarks startup
 
 Each command runs several times in its own process; medians of wall time and of CPU time, which is
 independent of other load. The program prints one word. `hub check` without a hub ends when it has
-found none. Takes about a minute.
+found none. `demo` plays a policy of arrays, without TorchRL; `play RUN --page` an agent of TorchRL,
+here one that has had a single episode. Takes about two minutes.
 """
 
 from __future__ import annotations
 
 import os
+import re
+import signal
 import statistics
 import subprocess
 import sys
@@ -17,6 +21,8 @@ import tempfile
 import time
 from pathlib import Path
 from typing import Any
+
+from websockets.sync.client import connect
 
 from benchmarks.session import Session
 
@@ -29,6 +35,10 @@ COMMANDS = (
     "hub check RunAway-v0 --yes",
     "hub check RunAway-v0 --yes --hub virtual",
 )
+PAGES = ("demo Walker-v1", "play RUN --page")
+POSE = 1
+"""First byte of a message that says where the parts of the robot are."""
+LONGEST_S = 60.0
 
 
 def measure(arguments: list[str], runs: int) -> dict[str, Any]:
@@ -48,6 +58,45 @@ def measure(arguments: list[str], runs: int) -> dict[str, Any]:
         "wall_s": round(statistics.median(wall_s[1:]), 3),
         "cpu_s": round(statistics.median(cpu_s[1:]), 3),
     }
+
+
+def first_seconds(arguments: list[str], runs: int) -> dict[str, Any]:
+    """Median seconds until a page answers, and until its robot moves, over ``runs`` runs after one
+    that warms up."""
+    found = [_first_seconds(arguments) for _ in range(runs + 1)][1:]
+    names = ("page_s", "motion_s")
+    return {
+        name: round(statistics.median(values), 3)
+        for name, values in zip(names, zip(*found, strict=True), strict=True)
+    }
+
+
+def _first_seconds(arguments: list[str]) -> tuple[float, float]:
+    """Seconds until a page answers, and until its robot moves."""
+    start_s = time.perf_counter()
+    process = subprocess.Popen(  # noqa: S603 - our own command
+        [sys.executable, "-u", "-m", "bricksrl", *arguments],
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    )
+    try:
+        assert process.stdout is not None
+        url = next(found[0] for line in process.stdout if (found := re.search(r"http://\S+", line)))
+        host, query = url.split("/")[2], url.partition("?")[2]
+        origin = f"http://{host}"
+        with connect(f"ws://{host}/ws?{query}", origin=origin, max_size=None) as socket:
+            page_s = time.perf_counter() - start_s
+            poses: set[bytes] = set()
+            while len(poses) < 2:
+                message = socket.recv(timeout=LONGEST_S)
+                if isinstance(message, bytes) and message[0] == POSE:
+                    poses.add(message)
+            return page_s, time.perf_counter() - start_s
+    finally:
+        process.send_signal(signal.SIGINT)
+        process.wait(LONGEST_S)
 
 
 def _children_s() -> float:
@@ -71,4 +120,18 @@ def main(session: Session) -> None:
                 f"{results[words]['wall_s']:.2f} s wall, {results[words]['cpu_s']:.2f} s CPU  "
                 f"bricksrl {words}"
             )
-    session.write({"commands": results})
+        run = Path(folder) / "run"
+        training = ["train", "Walker-v1", "--episodes", "1", "--run", str(run)]
+        subprocess.run(  # noqa: S603 - our own command
+            [sys.executable, "-m", "bricksrl", *training], capture_output=True, check=True
+        )
+        pages = {}
+        for words in PAGES:
+            pages[words] = first_seconds(
+                [str(run) if word == "RUN" else word for word in words.split()], args.runs
+            )
+            print(
+                f"{pages[words]['page_s']:.2f} s to the page, {pages[words]['motion_s']:.2f} s to "
+                f"the first motion  bricksrl {words}"
+            )
+    session.write({"commands": results, "pages": pages})
