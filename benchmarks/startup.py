@@ -23,6 +23,7 @@ from pathlib import Path
 from typing import Any
 
 from websockets.sync.client import connect
+from websockets.typing import Origin
 
 from benchmarks.session import Session
 
@@ -85,7 +86,7 @@ def _first_seconds(arguments: list[str]) -> tuple[float, float]:
         assert process.stdout is not None
         url = next(found[0] for line in process.stdout if (found := re.search(r"http://\S+", line)))
         host, query = url.split("/")[2], url.partition("?")[2]
-        origin = f"http://{host}"
+        origin = Origin(f"http://{host}")
         with connect(f"ws://{host}/ws?{query}", origin=origin, max_size=None) as socket:
             page_s = time.perf_counter() - start_s
             poses: set[bytes] = set()
