@@ -52,6 +52,31 @@ def test_learning_ends_with_a_report_and_the_hubs_program(monkeypatch, capfd, tm
     assert f"--robot {SIX_LEGS}:walk" in said.out
 
 
+@pytest.mark.parametrize(
+    ("words", "page", "film", "episodes", "seed"),
+    [
+        ((), False, True, None, 0),
+        (("--page", "--no-film", "--episodes", "3", "--seed", "5"), True, False, 3, 5),
+    ],
+)
+def test_training_is_given_the_options(monkeypatch, tmp_path, words, page, film, episodes, seed):
+    begun = []
+
+    def execute(self: train.Train) -> None:
+        begun.append(self)
+
+    monkeypatch.setattr(train.Train, "execute", execute)
+    monkeypatch.setattr(learn_command, "_say_if_nothing_was_learned", lambda _folder: None)
+    monkeypatch.setattr(learn_command, "_export", lambda _folder, _reference: None)
+    plan = f"{PLANS / 'ev3_driver.ldr'}:line"
+    assert main(["learn", plan, "--run", str(tmp_path / "run"), *words]) == 0
+    (training,) = begun
+    assert training.env == plan
+    assert (training.page, training.film) == (page, film)
+    assert (training.episodes, training.seed) == (episodes, seed)
+    assert training.run == tmp_path / "run"
+
+
 def test_json_has_what_the_lines_have(bricksrl):
     done = bricksrl("learn", str(PLANS / "walker.ldr"), "--look", "--json")
     found = json.loads(done.stdout)

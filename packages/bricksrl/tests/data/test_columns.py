@@ -95,6 +95,17 @@ def test_a_table_of_more_rows_than_bytes_is_refused(tmp_path: Path) -> None:
             read_parquet(path)
 
 
+def test_a_text_that_is_no_utf_8_is_refused(tmp_path: Path) -> None:
+    """Whoever reads the column would meet it in the middle of a training."""
+    ends = pa.py_buffer(np.array([0, 3], np.int32).tobytes())
+    letters = pa.py_buffer(b"\xff\xfe\xfd")
+    column = pa.StringArray.from_buffers(1, ends, letters)
+    path = tmp_path / "letters.parquet"
+    path.write_bytes(to_parquet(pa.table({"task": column})))
+    with pytest.raises(DataError, match="not a valid Parquet file"):
+        read_parquet(path)
+
+
 def toy_columns() -> dict[str, np.ndarray]:
     types = arrow_types(SEEING)
     rng = np.random.default_rng(2)

@@ -149,6 +149,11 @@ def test_invalid_arguments_raise(call: str) -> None:
     assert output(MOTOR + program).split("\n")[-1] == "refused"
 
 
+def test_a_log_of_no_time_is_empty() -> None:
+    program = MOTOR + "motor.log.start(0)\nmotor.run_angle(400, 90)\nmotor.log.save('a')\n"
+    assert files(output(program)) == {"a": []}
+
+
 def test_logging_does_not_change_motion() -> None:
     move = "motor.run_angle(400, 200)\nprint(motor.angle(), motor.speed(), motor.load())\n"
     move += "motor.run_time(300, 200)\nprint(motor.angle())"
