@@ -4,8 +4,9 @@
 
 A result depends on its benchmark and on what this can reach of our modules, as `code.py` reads
 them: words, comments and formatting do not count, nor does what it never calls. Results say the
-digest of their code; those from before say it by the commit that they came with. What is older is
-printed in the order in which people read it, with the time that it takes to make it again.
+digest of their code; those from before say it by the commit that they came with. What `unchanged`
+has found to give the same numbers with the code of today is not older. What is older is printed in
+the order in which people read it, with the time that it takes to make it again.
 """
 
 from __future__ import annotations
@@ -35,9 +36,26 @@ class History:
         """Commit that a file was last written by, its day, and the code there."""
         said = _git("log", "-1", "--format=%H %cs", "--", str(path.relative_to(ROOT)))
         commit, _, day = said.strip().partition(" ")
+        return commit, day, self.at(commit)
+
+    def at(self, commit: str) -> Code:
+        """The code at a commit."""
         if commit not in self._codes:
             self._codes[commit] = _code_at(commit)
-        return commit, day, self._codes[commit]
+        return self._codes[commit]
+
+    def measured_at(self, path: Path, module: str) -> str:
+        """Commit with the code that the result in a file was measured with. Raises RunError if
+        none is known: it was measured before its code was committed."""
+        came_with, _, _ = self.of_file(path)
+        code = read_result(path).get("code")
+        if code is None:
+            return came_with
+        commits: list[str] = [code["commit"], came_with]
+        for commit in filter(None, commits):
+            if self.at(commit).digest(module) == code["digest"]:
+                return commit
+        raise RunError(f"no commit has the code that {path.name} was measured with; make it again")
 
 
 def _code_at(commit: str) -> Code:
@@ -51,6 +69,12 @@ def _code_at(commit: str) -> Code:
         return _git("cat-file", "blob", blobs[path]) if path in blobs else None
 
     return Code(source, blobs)
+
+
+def checkout(commit: str, folder: Path) -> None:
+    """Write the files of a commit to a new folder. Raises RunError if git fails."""
+    _git("clone", "--quiet", "--shared", "--no-checkout", str(ROOT), str(folder))
+    _git("-C", str(folder), "checkout", "--quiet", "--detach", commit)
 
 
 def _git(*words: str) -> str:
@@ -81,14 +105,17 @@ def benchmark_of(result: str) -> str | None:
 
 
 def ages() -> dict[str, dict[str, Any]]:
-    """For each published result ``commit``, ``day``, ``minutes`` and ``is_older``."""
+    """For each published result ``commit``, ``day``, ``minutes``, ``is_older``, and whether its
+    code has changed and its numbers have not (``is_unchanged``)."""
     now = working_tree()
     history = History()
+    path = RESULTS / "unchanged.json"
+    unchanged = read_result(path)["results"] if path.exists() else {}
     found: dict[str, dict[str, Any]] = {}
     for path in sorted(RESULTS.glob("*.json")):
         name = benchmark_of(path.stem)
-        # This one is a result of all others, and of no code.
-        if name is None or name == "age":
+        # These are results of all others, and of no code.
+        if name is None or name in ("age", "unchanged"):
             continue
         benchmark = BENCHMARKS[name]
         module = f"benchmarks.{benchmark.module}"
@@ -98,11 +125,15 @@ def ages() -> dict[str, dict[str, Any]]:
             digest = then.digest(module)
         else:
             commit, day, digest = code["commit"], code["day"], code["digest"]
+        today = now.digest(module)
+        same = unchanged.get(path.stem, {})
+        is_unchanged = digest != today and same.get("digest") == today
         found[path.stem] = {
             "commit": commit[:12],
             "day": day,
             "minutes": benchmark.minutes,
-            "is_older": digest != now.digest(module),
+            "is_older": digest != today and not is_unchanged,
+            "is_unchanged": is_unchanged,
         }
     return found
 

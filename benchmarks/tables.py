@@ -1195,8 +1195,13 @@ def _since(name: str) -> str:
     ages = json.loads(path.read_text(encoding="utf-8"))["results"] if path.exists() else {}
     if name not in ages:
         return ""
-    older = "; the code that it depends on has changed since" if ages[name]["is_older"] else ""
-    return f" ({ages[name]['day']}{older})"
+    age = ages[name]
+    since = ""
+    if age["is_older"]:
+        since = "; the code that it depends on has changed since"
+    if age["is_unchanged"]:
+        since = "; the code has changed since, and the quick form gives the same numbers"
+    return f" ({age['day']}{since})"
 
 
 def page() -> str:

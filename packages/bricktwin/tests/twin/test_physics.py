@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from brickhub.errors import TwinError
+from brickhub.hub.link.profiles import PROFILES
 from bricktwin.twin.physics import PARAMETERS, Physics, RandomPhysics, read_physics, write_physics
 
 
@@ -303,3 +304,9 @@ def test_one_link_is_drawn_with_all_its_numbers() -> None:
         # A number is drawn for each parameter, also where it has no range.
         assert chosen.calls == 1 + len(PARAMETERS)
         assert made.with_link(links[1 - number]).link == links[1 - number]
+
+
+@pytest.mark.parametrize("name", [name for name in PARAMETERS if name.startswith("link_")])
+def test_numbers_of_a_link_are_drawn_between_those_of_ordinary_computers(name: str) -> None:
+    numbers = [getattr(PROFILES[link], name.removeprefix("link_")) for link in ("linux", "mac")]
+    assert drawn(name) == tuple(sorted(numbers))
