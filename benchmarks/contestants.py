@@ -52,12 +52,15 @@ def bare_environment() -> Any:
 
 def learner_of(agent: str, **changes: Any) -> Any:
     """Our learner with the paper's settings except for networks and batch, filled with random
-    transitions."""
+    transitions. DroQ's actor is that of its authors, as the other packages have it: plain, and
+    learning once in 20 updates."""
     import torch
 
     from bricksrl.agents import make_learner, preset
 
     values = {"hidden": HIDDEN, "batch_size": BATCH, "buffer_size": STORED, **changes}
+    if agent == "droq":
+        values |= {"actor_norm": "none", "actor_dropout": 0.0, "actor_delay": UPDATES}
     torch.manual_seed(0)
     learner = make_learner(agent, bare_environment(), replace(preset("paper", agent), **values))
     learner.remember(transitions())
