@@ -17,8 +17,8 @@ as programs on the hub, those of the house. What no test finds mypy may: `make t
 it. A fault that only further tests find counts as alive.
 
 Not drawn is what makes an equal program: no size of a cache, no ``strict`` of a ``zip``, no
-``check=False`` of `subprocess.run`, which is its default; and nothing in annotations, decorators
-and texts.
+``check=False`` of `subprocess.run`, which is its default, and no default of an ``overload``; and
+nothing in annotations, decorators and texts.
 """
 
 from __future__ import annotations
@@ -176,6 +176,8 @@ def _children(node: ast.AST) -> list[ast.AST]:
     """What is executed of a node: no annotations, decorators and texts, nothing for types or for a
     script alone."""
     match node:
+        case ast.FunctionDef(decorator_list=[ast.Name(id="overload")]):
+            return []
         case (
             ast.FunctionDef(args=arguments, body=body)
             | ast.AsyncFunctionDef(args=arguments, body=body)
