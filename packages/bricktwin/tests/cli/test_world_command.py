@@ -9,6 +9,7 @@ import pytest
 from browser import chromium, tab
 from PIL import Image
 
+from bricktwin.cli import world_commands
 from bricktwin.cli.run_command import Run
 from bricktwin.worlds import WORLDS
 
@@ -84,6 +85,26 @@ def test_world_is_drawn(bricktwin, folder) -> None:
     assert done.code == 0 and "1 picture in pictures" in done.out
     with Image.open(folder / "pictures" / "wall.png") as image:
         assert image.size == (480, 300)
+
+
+@pytest.mark.parametrize(
+    ("named", "drawn"), [((), tuple(WORLDS)), (("maze", "sumo"), ("maze", "sumo"))]
+)
+def test_worlds_that_are_named_are_drawn_or_all(
+    monkeypatch, bricktwin, folder, named, drawn
+) -> None:
+    asked = []
+    monkeypatch.setattr(
+        world_commands, "picture_of", lambda scene: asked.append(scene) or bytes(2000)
+    )
+    done = bricktwin("world", "draw", *named, "--out", "pictures")
+    assert done.code == 0
+    assert tuple(asked) == drawn
+    *files, last = done.out.splitlines()
+    assert files == [f"{Path('pictures') / name}.png: 2 kB" for name in drawn]
+    assert last == f"{len(drawn)} pictures in pictures"
+    written = {path.stem for path in (folder / "pictures").iterdir()}
+    assert written == set(drawn)
 
 
 def test_photograph_becomes_a_floor(bricktwin, folder) -> None:

@@ -155,6 +155,14 @@ def test_read_input_byte() -> None:
     )
 
 
+@pytest.mark.parametrize(
+    ("byte", "character"), [(31, "None"), (32, "' '"), (126, "'~'"), (127, "None"), (200, "None")]
+)
+def test_only_a_printable_byte_is_a_character(byte: int, character: str) -> None:
+    source = "from pybricks.tools import *\nwait(10)\nprint(repr(read_input_byte(chr=True)))\n"
+    assert output(source, {5: bytes([byte])}) == character
+
+
 def test_matrix_arithmetic_and_text() -> None:
     source = """
 A = Matrix([[1, 2], [3, -4.5]])
