@@ -40,15 +40,15 @@ from typing import Any
 from benchmarks.machine import ONE_THREAD
 from benchmarks.session import Session
 
-COMMIT = "c5fe7de0"
-"""Last commit of the day on which modules came to stand where they do. Nothing was released before
-it, so nobody has learned other names."""
+COMMIT = "81c92bc"
+"""Last commit before the packages were parted."""
 CONTENT = (
     "README.md",
     "docs",
     "examples",
     "plugins/lerobot_robot_bricksrl/README.md",
-    "packages/bricktwin/src/bricktwin/robots/plans",
+    "plans",
+    "src/bricksrl/robots/plans",
 )
 FOLLOWED = ("README", "start", "watch", "lesson", "own", "policies")
 """Pages that are followed from top to bottom; the others also have commands for the reader's robots
@@ -66,6 +66,15 @@ CHANGED = {
 }
 """Beginnings of what really had to change, and the new name of each, which stands in the
 changelog."""
+MOVED = {
+    "bricksrl.plans": "bricktwin.plans",
+    "bricksrl.twin.arena": "bricktwin.twin.arena",
+    "bricksrl.virtual_hub": "brickhub.virtual",
+    "bricksrl.envs.arenas.pettingzoo_env": "bricksrl.interfaces.pettingzoo",
+    "bricksrl.envs.gymnasium": "bricksrl.interfaces.gymnasium",
+    "bricksrl.envs.vision.encoders": "bricksrl.agents.frozen_encoders",
+}
+"""Modules that stand elsewhere now, and where: the code of the documentation is read with these."""
 EXAMPLES: dict[str, dict[str, Any]] = {
     "02_train": {"episodes": 2},
     "07_batched_simulation": {"batch_size": 200, "steps": 20},
@@ -424,7 +433,16 @@ def checked_out(folder: Path) -> Path:
         )
     with tarfile.open(fileobj=io.BytesIO(made.stdout)) as archive:
         archive.extractall(folder, filter="data")
+    for path in folder.rglob("*"):
+        if path.suffix in (".md", ".py", ".ipynb"):
+            path.write_text(_with_new_names(path.read_text(encoding="utf-8")), encoding="utf-8")
     return folder
+
+
+def _with_new_names(text: str) -> str:
+    for former, today in MOVED.items():
+        text = re.sub(rf"\b{re.escape(former)}\b", today, text)
+    return text
 
 
 def pages(source: Path) -> list[str]:
@@ -446,7 +464,7 @@ def pages(source: Path) -> list[str]:
 def try_page(source: Path, page: str, quick: bool) -> list[Outcome]:
     """Outcomes of a page, from a process of its own in a folder like a fresh clone."""
     with tempfile.TemporaryDirectory() as folder:
-        for name in ("examples", "packages"):
+        for name in ("examples", "plans"):
             shutil.copytree(source / name, Path(folder) / name)
         out, log = Path(folder) / "outcomes.jsonl", Path(folder) / "log.txt"
         out.touch()
