@@ -40,6 +40,9 @@ STOPPED = "The program was stopped (SystemExit).\r\n"
         (f"{TRACE}{AT}OSError\r\nmore", f"{TRACE}{AT}OSError\r\nmore", "", 0),
         (f"{TRACE}no place\r\n", f"{TRACE}no place\r\n", "", 0),
         (f"{STOPPED}more\r\n", f"{STOPPED}more\r\n", "", 0),
+        # Alone, without a place, it is no traceback.
+        (TRACE, TRACE, "", 0),
+        (f"see {TRACE}", f"see {TRACE}", "", 0),
         # Two of them: the first was printed.
         (f"{TRACE}{AT}A\r\n{TRACE}{AT}B\r\n", f"{TRACE}{AT}A\r\n", f"{TRACE}{AT}B\r\n", 1),
         # What only begins so is output.

@@ -294,6 +294,9 @@ class Transcript:
         if self._line:
             self._print_pending()
             self._print(self._line)
+        # The firmware says a place after this line, so that alone it is the program's.
+        if self._pending == [_TRACEBACK_HEAD]:
+            self._print_pending()
         # Nothing came after these lines, so they are the firmware's and not the program's.
         for line in self._pending:
             if is_stopped_by_us and _STOPPED.fullmatch(line):
